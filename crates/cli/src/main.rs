@@ -1,0 +1,2 @@
+//! alula
+fn main() {}

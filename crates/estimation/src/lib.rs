@@ -1,0 +1,1 @@
+//! Filters, odometry, consistency and trajectory metrics

@@ -1,0 +1,26 @@
+//! What flows between the parts of alula: plain data, and the [`Vehicle`] trait.
+//!
+//! Every arrow of the architecture is a type here and every one is recorded. Frames and units are
+//! in the names: world ENU, body FLU, optical frame x right, y down, z forward, SI.
+
+mod command;
+mod health;
+mod intent;
+mod mount;
+mod output;
+mod reference;
+mod sensors;
+mod state;
+mod vehicle;
+
+pub use command::Command;
+pub use health::{Fallback, Finding, Fusion, GuardReport, Rejection, Sensor, Violation};
+pub use intent::{FlightMode, Intent, Refusal};
+pub use mount::{Looking, Mount};
+pub use output::StackOutput;
+pub use reference::Reference;
+pub use sensors::{
+    AutopilotStatus, DepthImage, FlowSample, ImuSample, PoseSample, RangeSample, SensorBatch,
+};
+pub use state::{ErrorCovariance, EstimateHealth, FlightPhase, NavState, error_index};
+pub use vehicle::{Vehicle, VehicleError};

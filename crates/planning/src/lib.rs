@@ -1,0 +1,1 @@
+//! Minimum-snap trajectories through waypoints

@@ -1,0 +1,1 @@
+//! Recordings and foreign logs: MCAP, EuRoC folders, TUM trajectories

@@ -1,0 +1,1 @@
+//! The guard: independent limits, health rules and fallbacks

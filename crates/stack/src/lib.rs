@@ -1,0 +1,1 @@
+//! Wires estimation, planning, control and the guard in a fixed order
