@@ -1,1 +1,2 @@
-//! The only place with clocks and files: drives a stack, simulated or replayed
+//! The only place with clocks and files: it reads scenarios, flies them against a simulated
+//! vehicle, replays recordings and runs estimators over real flights.
