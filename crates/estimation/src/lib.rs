@@ -1,1 +1,22 @@
-//! Filters, odometry, consistency and trajectory metrics
+//! Filters, odometry, consistency and trajectory metrics.
+//!
+//! [`FlowOdometry`] estimates motion from inertial data, raw flow and range; [`PoseImu`] from
+//! inertial data and external poses. Both are an [`Estimator`], share the error-state Kalman filter
+//! of [`eskf`] and the rewinding [`history`], and say what they did with each measurement as
+//! [`alula_messages::Fusion`]. [`metrics`] judges trajectories and consistency.
+
+pub mod alignment;
+pub mod eskf;
+mod estimator;
+mod flow_odometry;
+pub mod history;
+pub mod imu;
+mod inertial_core;
+pub mod measurement;
+pub mod metrics;
+mod pose_imu;
+mod watch;
+
+pub use estimator::{BuildError, ESTIMATOR_NAMES, Estimator, EstimatorConfig, by_name};
+pub use flow_odometry::{FlowCalibration, FlowOdometry, FlowOdometryConfig, GroundConfig};
+pub use pose_imu::{PoseImu, PoseImuConfig};

@@ -1,0 +1,120 @@
+//! Time of one propagation, one fusion, one rewind. The median counts, and so does the worst.
+
+use alula_estimation::eskf::{Filter, ImuNoise, InertialInput, Nominal};
+use alula_estimation::history::History;
+use alula_estimation::measurement::{
+    FlowMeasurement, Gates, Measurement, PositionMeasurement, RangeMeasurement,
+};
+use alula_geometry::{Timestamp, so3};
+use alula_messages::{ImuSample, Looking, Mount, Sensor};
+use divan::{Bencher, black_box};
+use nalgebra::{Vector2, Vector3};
+
+fn main() {
+    divan::main();
+}
+
+fn filter() -> Filter {
+    let nominal = Nominal {
+        position_world: Vector3::new(1.0, 2.0, 1.5),
+        velocity_world: Vector3::new(1.0, -0.5, 0.1),
+        world_from_body: so3::from_roll_pitch_yaw(0.1, -0.05, 0.7),
+        ..Nominal::default()
+    };
+    let mut filter = Filter::new(nominal, [0.1, 0.1, 0.02, 0.05, 0.005].map(Vector3::repeat));
+    for _ in 0..100 {
+        filter.propagate(&input(), 0.004, &ImuNoise::default());
+    }
+    filter
+}
+
+fn input() -> InertialInput {
+    InertialInput {
+        specific_force: Vector3::new(0.3, -0.2, 9.9),
+        angular_rate: Vector3::new(0.2, 0.4, -0.3),
+        noise_scale: 1.0,
+    }
+}
+
+fn down() -> alula_geometry::Pose {
+    Mount::at([0.05, 0.0, -0.04], Looking::Down).body_from_sensor()
+}
+
+#[divan::bench(sample_count = 2000, sample_size = 50)]
+fn propagate(bencher: Bencher) {
+    let noise = ImuNoise::default();
+    bencher.with_inputs(filter).bench_local_refs(|filter| {
+        filter.propagate(black_box(&input()), black_box(0.004), &noise);
+    });
+}
+
+fn fuse(bencher: Bencher, measurement: Measurement) {
+    let gates = Gates::new(0.999);
+    let fused = measurement.fuse(Timestamp::ZERO, &mut filter(), &gates);
+    assert!(fused.is_some_and(|fusion| fusion.accepted()));
+    bencher.with_inputs(filter).bench_local_refs(|filter| {
+        black_box(black_box(&measurement).fuse(Timestamp::ZERO, filter, &gates))
+    });
+}
+
+#[divan::bench(sample_count = 2000, sample_size = 50)]
+fn fuse_range_1(bencher: Bencher) {
+    let range = RangeMeasurement {
+        sensor: Sensor::Infrared,
+        range_m: 1.5,
+        body_from_ranger: down(),
+        sigma_m: 0.02,
+    };
+    fuse(bencher, Measurement::Range(range));
+}
+
+#[divan::bench(sample_count = 2000, sample_size = 50)]
+fn fuse_flow_2(bencher: Bencher) {
+    let flow = FlowMeasurement {
+        flow_rad_s: Vector2::new(0.0, 0.5),
+        angular_rate: input().angular_rate,
+        interval_s: 0.01,
+        body_from_camera: down(),
+        sigma_rad_s: 0.5,
+        min_distance_m: 0.3,
+    };
+    fuse(bencher, Measurement::Flow(flow));
+}
+
+#[divan::bench(sample_count = 2000, sample_size = 50)]
+fn fuse_position_3(bencher: Bencher) {
+    let position = PositionMeasurement {
+        position_world: Vector3::new(1.4, 1.8, 1.55),
+        sigma_m: 0.01,
+    };
+    fuse(bencher, Measurement::Position(position));
+}
+
+/// A position 0.1 s late at 250 Hz: 25 propagations and a fusion.
+#[divan::bench(sample_count = 500)]
+fn rewind_a_tenth_of_a_second(bencher: Bencher) {
+    let time = |i: i64| Timestamp::from_ns(4_000_000 * i);
+    let mut history = History::new(100, ImuNoise::default(), Gates::new(0.999));
+    history.start(time(0), input(), filter());
+    for i in 1..80 {
+        let sample = ImuSample {
+            time: time(i),
+            specific_force: input().specific_force,
+            angular_rate: input().angular_rate,
+        };
+        history.push(&sample, 1.0, &mut |_| {});
+    }
+    history.settle(&mut |_| {});
+    let late = Measurement::Position(PositionMeasurement {
+        position_world: Vector3::new(1.5, 1.8, 1.55),
+        sigma_m: 0.1,
+    });
+    bencher
+        .with_inputs(|| history.clone())
+        .bench_local_refs(|history| {
+            history.insert(time(54), late).ok();
+            history.settle(&mut |fusion| {
+                black_box(fusion);
+            });
+        });
+}

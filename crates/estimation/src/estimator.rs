@@ -1,0 +1,97 @@
+//! What all estimators have in common, and their list.
+
+use alula_messages::{FlightMode, Fusion, NavState, SensorBatch};
+use alula_parameters::{ParameterError, parameters};
+
+use crate::{FlowCalibration, FlowOdometry, FlowOdometryConfig, PoseImu, PoseImuConfig};
+
+/// Estimates the vehicle's motion from what its sensors say.
+pub trait Estimator {
+    /// Takes all that arrived since the last call. `mode` is the mode of flight at that time.
+    fn update(&mut self, batch: &SensorBatch, mode: FlightMode);
+
+    /// The present estimate, at the time of the last inertial sample.
+    fn state(&self) -> &NavState;
+
+    /// What became of each measurement in the last [`Self::update`].
+    fn fusions(&self) -> &[Fusion];
+}
+
+/// Names that [`by_name`] knows.
+pub const ESTIMATOR_NAMES: [&str; 2] = ["flow-odometry", "pose-imu"];
+
+parameters! {
+    /// Configuration of all estimators; each reads its own table.
+    pub struct EstimatorConfig {
+        /// Inertial data, flow and range.
+        pub flow_odometry: FlowOdometryConfig = FlowOdometryConfig::default(), nested();
+        /// Inertial data and external poses.
+        pub pose_imu: PoseImuConfig = PoseImuConfig::default(), nested();
+    }
+}
+
+/// Why there is no such estimator.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum BuildError {
+    /// No estimator has this name.
+    #[error("there is no estimator `{name}`; there are: {}", ESTIMATOR_NAMES.join(", "))]
+    UnknownName {
+        /// The name asked for.
+        name: String,
+    },
+    /// It needs to know where its flow camera and its ranger are.
+    #[error("the estimator `flow-odometry` needs the calibrated mounts of flow camera and ranger")]
+    NoCalibration,
+    /// A parameter is not allowed.
+    #[error(transparent)]
+    Parameter(#[from] ParameterError),
+}
+
+/// The estimator with one of the [`ESTIMATOR_NAMES`].
+///
+/// # Errors
+/// If the name is unknown, a parameter is not allowed, or the calibration is missing.
+pub fn by_name(
+    name: &str,
+    config: &EstimatorConfig,
+    calibration: Option<&FlowCalibration>,
+) -> Result<Box<dyn Estimator>, BuildError> {
+    match name {
+        "flow-odometry" => {
+            let calibration = calibration.ok_or(BuildError::NoCalibration)?;
+            Ok(Box::new(FlowOdometry::new(
+                &config.flow_odometry,
+                calibration,
+            )?))
+        }
+        "pose-imu" => Ok(Box::new(PoseImu::new(&config.pose_imu)?)),
+        _ => Err(BuildError::UnknownName {
+            name: name.to_owned(),
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alula_messages::{Looking, Mount};
+
+    #[test]
+    fn every_listed_name_can_be_built() {
+        let calibration = FlowCalibration {
+            flow_camera: Mount::at([0.0; 3], Looking::Down),
+            infrared: Mount::at([0.0; 3], Looking::Down),
+        };
+        for name in ESTIMATOR_NAMES {
+            assert!(by_name(name, &EstimatorConfig::default(), Some(&calibration)).is_ok());
+        }
+    }
+
+    #[test]
+    fn an_unknown_name_is_answered_with_the_list() {
+        let error = by_name("gps", &EstimatorConfig::default(), None)
+            .err()
+            .unwrap();
+        assert!(error.to_string().contains("flow-odometry, pose-imu"));
+    }
+}

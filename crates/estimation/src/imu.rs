@@ -1,0 +1,239 @@
+//! Plausibility of inertial samples: a filter that integrates must not be fed nonsense.
+
+use alula_geometry::Timestamp;
+use alula_messages::{ImuSample, Rejection};
+use alula_parameters::parameters;
+use nalgebra::Vector3;
+
+/// Outlying samples in a row that agree with each other before they are believed: a burst of
+/// outliers does not agree, a real change of motion does.
+const AGREEING_SAMPLES: u32 = 5;
+
+/// Samples with old time stamps in a row after which the clock is taken to have been set back.
+const BACKWARD_SAMPLES: u32 = 50;
+
+/// Longest time between samples that counts as regular, s.
+const REGULAR_GAP_S: f64 = 0.02;
+
+parameters! {
+    /// What an inertial unit on a small multirotor can plausibly say.
+    pub struct ImuLimits {
+        /// Reading of the accelerometer at which an axis saturates, m/s^2 (16 g).
+        pub max_specific_force_m_s2: f64 = 156.0, within(20.0, 1e4);
+        /// Reading of the gyroscope at which an axis saturates, rad/s (2000 degrees per second).
+        pub max_angular_rate_rad_s: f64 = 34.8, within(1.0, 1e3);
+        /// Greatest believable change of specific force from sample to sample, m/s^2.
+        pub max_specific_force_jump_m_s2: f64 = 40.0, within(1.0, 1e4);
+        /// Greatest believable change of angular rate from sample to sample, rad/s.
+        pub max_angular_rate_jump_rad_s: f64 = 8.0, within(0.1, 1e3);
+        /// Longest time without a good sample, s; after it the state is lost.
+        pub max_gap_s: f64 = 0.2, within(0.01, 2.0);
+        /// Factor on the noise of invented samples, which bridge gaps and bad samples.
+        pub bridge_noise_factor: f64 = 10.0, within(1.0, 1e3);
+    }
+}
+
+/// What to do with a sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ImuVerdict {
+    /// Use it.
+    Good(ImuSample),
+    /// It came after a gap: use its mean with the sample before the gap, with more noise.
+    AfterGap(ImuSample),
+    /// Use the last good reading in its place, with more noise.
+    Bridged(ImuSample, Rejection),
+    /// Leave it out.
+    Rejected(Rejection),
+}
+
+/// Judges inertial samples one by one.
+#[derive(Clone, Debug)]
+pub struct ImuMonitor {
+    limits: ImuLimits,
+    last_good: Option<ImuSample>,
+    last_raw: Option<ImuSample>,
+    last_time: Option<Timestamp>,
+    agreeing: u32,
+    backwards: u32,
+}
+
+impl ImuMonitor {
+    /// A monitor that has seen nothing; `limits` are validated by whoever owns the configuration.
+    pub fn new(limits: ImuLimits) -> Self {
+        Self {
+            limits,
+            last_good: None,
+            last_raw: None,
+            last_time: None,
+            agreeing: 0,
+            backwards: 0,
+        }
+    }
+
+    /// Forgets all samples.
+    pub fn reset(&mut self) {
+        *self = Self::new(self.limits.clone());
+    }
+
+    /// Factor on the noise of samples that are not plainly good.
+    pub fn bridge_noise_factor(&self) -> f64 {
+        self.limits.bridge_noise_factor
+    }
+
+    /// The last good sample.
+    pub fn last_good(&self) -> Option<&ImuSample> {
+        self.last_good.as_ref()
+    }
+
+    /// Whether there was no good sample for too long, or the clock was set back.
+    pub fn is_lost(&self, now: Timestamp) -> bool {
+        let silent = self
+            .last_good
+            .is_some_and(|good| now.seconds_since(good.time) > self.limits.max_gap_s);
+        silent || self.backwards >= BACKWARD_SAMPLES
+    }
+
+    /// Judges the next sample.
+    pub fn judge(&mut self, sample: &ImuSample) -> ImuVerdict {
+        if self.last_time.is_some_and(|last| sample.time <= last) {
+            self.backwards += 1;
+            return ImuVerdict::Rejected(Rejection::OutOfOrder);
+        }
+        self.backwards = 0;
+        let last_time = self.last_time.replace(sample.time);
+        let gap_s = last_time.map_or(0.0, |last| sample.time.seconds_since(last));
+        match (self.fault(sample), self.last_good) {
+            (None, before) => {
+                self.last_good = Some(*sample);
+                self.agreeing = 0;
+                match before {
+                    Some(before) if gap_s > REGULAR_GAP_S => after_gap(&before, sample),
+                    _ => ImuVerdict::Good(*sample),
+                }
+            }
+            (Some(reason), None) => ImuVerdict::Rejected(reason),
+            (Some(reason), Some(good)) => ImuVerdict::Bridged(
+                ImuSample {
+                    time: sample.time,
+                    ..good
+                },
+                reason,
+            ),
+        }
+    }
+
+    fn fault(&mut self, sample: &ImuSample) -> Option<Rejection> {
+        let finite = |v: &Vector3<f64>| v.iter().all(|x| x.is_finite());
+        if !finite(&sample.specific_force) || !finite(&sample.angular_rate) {
+            return Some(Rejection::NotFinite);
+        }
+        if sample.specific_force.amax() >= self.limits.max_specific_force_m_s2
+            || sample.angular_rate.amax() >= self.limits.max_angular_rate_rad_s
+        {
+            return Some(Rejection::Invalid);
+        }
+        let agrees = self.last_raw.is_none_or(|raw| self.is_near(&raw, sample));
+        self.last_raw = Some(*sample);
+        if self
+            .last_good
+            .is_none_or(|good| self.is_near(&good, sample))
+        {
+            return None;
+        }
+        self.agreeing = if agrees { self.agreeing + 1 } else { 0 };
+        (self.agreeing < AGREEING_SAMPLES).then_some(Rejection::Outlier)
+    }
+
+    fn is_near(&self, a: &ImuSample, b: &ImuSample) -> bool {
+        (a.specific_force - b.specific_force).norm() <= self.limits.max_specific_force_jump_m_s2
+            && (a.angular_rate - b.angular_rate).norm() <= self.limits.max_angular_rate_jump_rad_s
+    }
+}
+
+/// The mean of the readings on both sides of a gap.
+fn after_gap(before: &ImuSample, sample: &ImuSample) -> ImuVerdict {
+    ImuVerdict::AfterGap(ImuSample {
+        time: sample.time,
+        specific_force: (before.specific_force + sample.specific_force) * 0.5,
+        angular_rate: (before.angular_rate + sample.angular_rate) * 0.5,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(ms: i64, x: f64) -> ImuSample {
+        ImuSample {
+            time: Timestamp::from_ns(ms * 1_000_000),
+            specific_force: Vector3::new(x, 0.0, 9.8),
+            angular_rate: Vector3::zeros(),
+        }
+    }
+
+    fn monitor() -> ImuMonitor {
+        let mut monitor = ImuMonitor::new(ImuLimits::default());
+        assert_eq!(
+            monitor.judge(&sample(4, 0.0)),
+            ImuVerdict::Good(sample(4, 0.0))
+        );
+        monitor
+    }
+
+    #[test]
+    fn numbers_that_are_not_finite_are_bridged_with_the_last_good_reading() {
+        let verdict = monitor().judge(&sample(8, f64::NAN));
+        assert_eq!(
+            verdict,
+            ImuVerdict::Bridged(sample(8, 0.0), Rejection::NotFinite)
+        );
+    }
+
+    #[test]
+    fn saturated_samples_are_bridged() {
+        let verdict = monitor().judge(&sample(8, 156.9));
+        assert_eq!(
+            verdict,
+            ImuVerdict::Bridged(sample(8, 0.0), Rejection::Invalid)
+        );
+    }
+
+    #[test]
+    fn a_burst_that_does_not_agree_with_itself_is_never_believed() {
+        let mut monitor = monitor();
+        for i in 0..100 {
+            let x = if i % 2 == 0 { 90.0 } else { -90.0 };
+            let verdict = monitor.judge(&sample(8 + 4 * i, x));
+            assert!(matches!(
+                verdict,
+                ImuVerdict::Bridged(_, Rejection::Outlier)
+            ));
+        }
+        assert!(monitor.is_lost(sample(408, 0.0).time));
+    }
+
+    #[test]
+    fn a_lasting_change_is_believed_after_a_few_samples() {
+        let mut monitor = monitor();
+        let believed = (0..10)
+            .find(|i| matches!(monitor.judge(&sample(8 + 4 * i, 90.0)), ImuVerdict::Good(_)));
+        assert_eq!(believed, Some(i64::from(AGREEING_SAMPLES)));
+    }
+
+    #[test]
+    fn time_that_does_not_advance_is_refused_and_in_the_end_means_loss() {
+        let mut monitor = monitor();
+        for _ in 0..BACKWARD_SAMPLES {
+            assert!(!monitor.is_lost(sample(4, 0.0).time));
+            let verdict = monitor.judge(&sample(4, 0.0));
+            assert_eq!(verdict, ImuVerdict::Rejected(Rejection::OutOfOrder));
+        }
+        assert!(monitor.is_lost(sample(4, 0.0).time));
+    }
+
+    #[test]
+    fn silence_beyond_the_limit_means_loss() {
+        assert!(!monitor().is_lost(sample(203, 0.0).time));
+        assert!(monitor().is_lost(sample(206, 0.0).time));
+    }
+}

@@ -1,0 +1,67 @@
+//! Watching over one source of measurements.
+
+use alula_geometry::Timestamp;
+use alula_messages::{Fusion, Rejection};
+
+/// When a source was last accepted, and since when the gate has refused it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Watch {
+    last_accepted: Timestamp,
+    refused_since: Option<Timestamp>,
+}
+
+impl Watch {
+    /// A source that counts as accepted at `now`.
+    pub fn since(now: Timestamp) -> Self {
+        Self {
+            last_accepted: now,
+            refused_since: None,
+        }
+    }
+
+    /// Takes note of what became of a measurement.
+    pub fn note(&mut self, fusion: &Fusion) {
+        if fusion.accepted() {
+            self.last_accepted = self.last_accepted.max(fusion.time);
+            self.refused_since = None;
+        } else if fusion.rejection == Some(Rejection::Gate) {
+            self.refused_since.get_or_insert(fusion.time);
+        }
+    }
+
+    /// Seconds since the last accepted measurement.
+    pub fn silent_s(&self, now: Timestamp) -> f64 {
+        now.seconds_since(self.last_accepted).max(0.0)
+    }
+
+    /// Whether the gate has refused everything for longer than `limit_s`; saying so starts the
+    /// count again.
+    pub fn take_refusal(&mut self, now: Timestamp, limit_s: f64) -> bool {
+        let refused = self
+            .refused_since
+            .is_some_and(|since| now.seconds_since(since) > limit_s);
+        if refused {
+            self.refused_since = None;
+        }
+        refused
+    }
+}
+
+/// Finds sources that say the same thing to the last bit again and again: noise never does.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Repetition {
+    last: Option<([f64; 2], Timestamp)>,
+}
+
+impl Repetition {
+    /// Takes a reading; how long it has been the same, s.
+    pub fn add(&mut self, reading: [f64; 2], time: Timestamp) -> f64 {
+        match self.last {
+            Some((same, since)) if same == reading => time.seconds_since(since),
+            _ => {
+                self.last = Some((reading, time));
+                0.0
+            }
+        }
+    }
+}
