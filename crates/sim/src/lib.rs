@@ -11,3 +11,4 @@ pub mod wind;
 pub mod world;
 
 pub use truth::Truth;
+pub use vehicle::{Collision, LinkConfig, SimulatedVehicle, StartConfig, VehicleSetup};

@@ -1,0 +1,218 @@
+//! People: ellipsoids that move as a pure function of time.
+
+use alula_geometry::{Pose, Timestamp};
+use nalgebra::{Point3, Translation3, UnitQuaternion, Vector2, Vector3};
+
+use super::config::PersonConfig;
+use super::tracks::Track;
+use super::{WorldError, distance};
+
+/// Where a person is and how they move.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PersonState {
+    /// Index of the person in the world, from 0; the same at all times.
+    pub id: u32,
+    /// Centre of the ellipsoid, world frame.
+    pub centre_world: Point3<f64>,
+    /// Velocity of the centre, world frame, m/s.
+    pub velocity_world: Vector3<f64>,
+    /// Semi-axes of the ellipsoid: forward, sideways, up, m.
+    pub semi_axes_m: Vector3<f64>,
+    /// Heading, counter-clockwise from east, rad.
+    pub yaw_rad: f64,
+}
+
+impl PersonState {
+    /// Pose of the ellipsoid: x forward, z up.
+    pub fn world_from_person(&self) -> Pose {
+        Pose::from_parts(
+            Translation3::from(self.centre_world),
+            UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.yaw_rad),
+        )
+    }
+
+    /// Signed distance from a point to the ellipsoid, m, negative inside.
+    pub fn distance(&self, point: &Point3<f64>) -> f64 {
+        let local = self.world_from_person().inverse_transform_point(point);
+        distance::ellipsoid(&local, &self.semi_axes_m)
+    }
+}
+
+/// A person of a world.
+#[derive(Clone, Debug)]
+pub(super) struct Person {
+    pub name: String,
+    pub semi_axes_m: Vector3<f64>,
+    pub motion: Motion,
+}
+
+/// How a person moves.
+#[derive(Clone, Debug)]
+pub(super) enum Motion {
+    Loop(Loop),
+    Track(Track),
+}
+
+/// Place, velocity and heading on the ground.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Step {
+    pub place: Vector2<f64>,
+    pub velocity: Vector2<f64>,
+    pub yaw_rad: f64,
+}
+
+impl Person {
+    /// Where the person is; `None` when they are not in the world.
+    pub fn state(&self, id: u32, ground_m: f64, time: Timestamp) -> Option<PersonState> {
+        let step = match &self.motion {
+            Motion::Loop(path) => path.at(time.as_s()),
+            Motion::Track(track) => track.at(time.as_s())?,
+        };
+        Some(PersonState {
+            id,
+            centre_world: Point3::new(step.place.x, step.place.y, ground_m + self.semi_axes_m.z),
+            velocity_world: Vector3::new(step.velocity.x, step.velocity.y, 0.0),
+            semi_axes_m: self.semi_axes_m,
+            yaw_rad: step.yaw_rad,
+        })
+    }
+}
+
+/// A closed line through waypoints, walked at constant speed.
+#[derive(Clone, Debug)]
+pub(super) struct Loop {
+    /// Corners with the length of the line up to each, edges of no length left out.
+    corners: Vec<(f64, Vector2<f64>)>,
+    length_m: f64,
+    speed_m_s: f64,
+    start_s: f64,
+}
+
+impl Loop {
+    /// The loop of a valid config.
+    pub fn new(config: &PersonConfig, key: &str) -> Result<Self, WorldError> {
+        let waypoints = &config.waypoints_m;
+        let Some(&first) = waypoints.first() else {
+            return Err(WorldError::degenerate(
+                key,
+                "`waypoints_m` is empty",
+                "give at least one waypoint",
+            ));
+        };
+        let mut corners = vec![(0.0, Vector2::from(first))];
+        let mut length_m = 0.0;
+        let mut here = Vector2::from(first);
+        for &next in waypoints[1..].iter().chain([&first]) {
+            let next = Vector2::from(next);
+            length_m += (next - here).norm();
+            if next != here {
+                corners.push((length_m, next));
+            }
+            here = next;
+        }
+        if waypoints.len() > 1 && length_m == 0.0 && config.speed_m_s > 0.0 {
+            return Err(WorldError::degenerate(
+                key,
+                "all waypoints are the same place",
+                "move one of them, or give one waypoint to let the person stand",
+            ));
+        }
+        Ok(Self {
+            corners,
+            length_m,
+            speed_m_s: config.speed_m_s,
+            start_s: config.start_s,
+        })
+    }
+
+    fn at(&self, time_s: f64) -> Step {
+        if self.length_m == 0.0 {
+            return Step {
+                place: self.corners[0].1,
+                velocity: Vector2::zeros(),
+                yaw_rad: 0.0,
+            };
+        }
+        let walked = (self.speed_m_s * (time_s + self.start_s)).rem_euclid(self.length_m);
+        let next = self
+            .corners
+            .partition_point(|(length, _)| *length <= walked);
+        let next = next.clamp(1, self.corners.len() - 1);
+        let ((from_m, from), (_, to)) = (self.corners[next - 1], self.corners[next]);
+        let direction = (to - from).normalize();
+        Step {
+            place: from + direction * (walked - from_m),
+            velocity: direction * self.speed_m_s,
+            yaw_rad: direction.y.atan2(direction.x),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn square(speed_m_s: f64, start_s: f64) -> Loop {
+        let config = PersonConfig {
+            waypoints_m: vec![[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [0.0, 2.0]],
+            speed_m_s,
+            start_s,
+            ..PersonConfig::default()
+        };
+        Loop::new(&config, "world.people[0]").unwrap()
+    }
+
+    #[test]
+    fn the_loop_includes_the_edge_back_to_the_first_waypoint() {
+        let path = square(1.0, 0.0);
+        assert!((path.at(11.0).place - Vector2::new(0.0, 1.0)).norm() < 1e-12);
+        assert!((path.at(11.0).velocity - Vector2::new(0.0, -1.0)).norm() < 1e-12);
+        assert!((path.at(5.0).place - Vector2::new(4.0, 1.0)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn rounds_repeat_and_the_start_shifts_them() {
+        for i in 0..200 {
+            let t = 0.1 * f64::from(i);
+            let (one, other) = (square(1.5, 2.0).at(t), square(1.5, 0.0).at(t + 2.0 + 8.0));
+            assert!((one.place - other.place).norm() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn the_velocity_is_the_derivative_of_the_place() {
+        let (path, h) = (square(1.3, 0.05), 1e-6);
+        for i in 0..90 {
+            let t = 0.1 * f64::from(i);
+            let (a, b) = (path.at(t - h), path.at(t + h));
+            if a.yaw_rad == b.yaw_rad {
+                assert!(((b.place - a.place) / (2.0 * h) - path.at(t).velocity).norm() < 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn one_waypoint_is_a_person_who_stands() {
+        let config = PersonConfig {
+            waypoints_m: vec![[3.0, 1.0]],
+            ..PersonConfig::default()
+        };
+        let step = Loop::new(&config, "").unwrap().at(17.0);
+        assert_eq!(
+            (step.place, step.velocity),
+            (Vector2::new(3.0, 1.0), Vector2::zeros())
+        );
+    }
+
+    #[test]
+    fn loops_without_length_are_refused() {
+        let config = PersonConfig {
+            waypoints_m: vec![[3.0, 1.0]; 3],
+            ..PersonConfig::default()
+        };
+        let message = Loop::new(&config, "world.people[4]")
+            .unwrap_err()
+            .to_string();
+        assert!(message.contains("world.people[4]") && message.contains("same place"));
+    }
+}
