@@ -1,0 +1,5 @@
+mod bench;
+mod descent;
+mod nominal;
+mod properties;
+mod violations;
