@@ -1,2 +1,68 @@
-//! alula
-fn main() {}
+//! The program `alula`: guidance for micro aerial vehicles, close to things.
+//!
+//! This is the one place that talks to a terminal and ends a process.
+#![allow(clippy::print_stdout, clippy::print_stderr)]
+
+mod commands;
+mod figures;
+mod page;
+mod plot;
+mod words;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Guidance for micro aerial vehicles, close to things.
+///
+/// alula estimates a multirotor's motion from what it carries on board, plans, controls, and keeps a
+/// guard over all of it. Without hardware it flies a simulated vehicle.
+#[derive(Parser)]
+#[command(version, max_term_width = 100, after_help = EXAMPLES)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXAMPLES: &str = "Examples:
+  alula fly                                  fly the built-in mission and draw it
+  alula fly --seed 7 --set wind.mean_m_s=[2,0,0]
+  alula fly scenarios/forest.toml --json     one JSON object, for scripts
+  alula report out/first-flight-1            draw a flight again
+  alula replay out/first-flight-1/flight.mcap
+  alula estimate V1_01_easy --estimator pose-imu --pose-rate-hz 10 --pose-delay-s 0.1
+  alula check scenarios/forest.toml flight.mcap
+
+Exit codes: 0 success, 1 the flight or comparison failed, 2 bad input.";
+
+#[derive(Subcommand)]
+enum Command {
+    /// Fly a simulated mission in closed loop.
+    Fly(commands::fly::Arguments),
+    /// Re-run the stack over a recording and report the first difference.
+    Replay(commands::replay::Arguments),
+    /// Run an estimator over a recorded flight.
+    Estimate(commands::estimate::Arguments),
+    /// Validate any file that alula reads.
+    Check(commands::check::Arguments),
+    /// Draw what happened in a flight, or tabulate many flights.
+    Report(commands::report::Arguments),
+}
+
+fn main() -> ExitCode {
+    let outcome = match Arguments::parse().command {
+        Command::Fly(arguments) => commands::fly::run(&arguments),
+        Command::Replay(arguments) => commands::replay::run(&arguments),
+        Command::Estimate(arguments) => commands::estimate::run(&arguments),
+        Command::Check(arguments) => commands::check::run(&arguments),
+        Command::Report(arguments) => commands::report::run(&arguments),
+    };
+    match outcome {
+        Ok(commands::Verdict::Success) => ExitCode::SUCCESS,
+        Ok(commands::Verdict::Failure) => ExitCode::from(1),
+        Err(error) => {
+            eprintln!("alula: {error}");
+            ExitCode::from(2)
+        }
+    }
+}

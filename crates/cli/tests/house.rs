@@ -26,7 +26,10 @@ const OUTSIDE_WORLD: [&str; 7] = [
 ];
 
 fn crates_folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_path_buf()
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .unwrap()
+        .to_path_buf()
 }
 
 fn layers() -> BTreeMap<String, u32> {
@@ -76,7 +79,10 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
 fn every_crate_has_a_layer() {
     let known = layers();
     for name in crate_names() {
-        assert!(known.contains_key(&format!("alula-{name}")), "`{name}` has no layer");
+        assert!(
+            known.contains_key(&format!("alula-{name}")),
+            "`{name}` has no layer"
+        );
     }
 }
 
@@ -118,7 +124,12 @@ fn frames_of_aviation_stay_in_the_link() {
                 let code = line.split("//").next().unwrap_or("");
                 code.contains("_ned") || code.contains("_frd")
             });
-            assert!(found.is_none(), "{}: {}", path.display(), found.unwrap_or_default());
+            assert!(
+                found.is_none(),
+                "{}: {}",
+                path.display(),
+                found.unwrap_or_default()
+            );
         }
     }
 }

@@ -62,7 +62,10 @@ impl ConfigText {
                 reason,
             })?;
         }
-        Ok(Self { file: format!("{} with --set", self.file), text: root.to_string() })
+        Ok(Self {
+            file: format!("{} with --set", self.file),
+            text: root.to_string(),
+        })
     }
 
     /// Reads and checks a configuration.
@@ -71,12 +74,18 @@ impl ConfigText {
     /// Unknown keys, wrong types, missing facts and values outside their range.
     pub fn read<C: DeserializeOwned + Parameters>(&self) -> Result<C, ConfigError> {
         let config: C = toml::from_str(&self.text).map_err(|e| self.format_error(&e))?;
-        config.validate().map_err(|error| ConfigError::Value {
-            file: self.file.clone(),
-            place: line_of_key(&self.text, &error.key).map_or(String::new(), |n| format!(":{n}")),
-            error,
-        })?;
+        config.validate().map_err(|error| self.value_error(error))?;
         Ok(config)
+    }
+
+    /// The error for a value in this text, with the line of its key.
+    pub fn value_error(&self, error: ParameterError) -> ConfigError {
+        let line = line_of_key(&self.text, &error.key);
+        ConfigError::Value {
+            file: self.file.clone(),
+            place: line.map_or(String::new(), |n| format!(":{n}")),
+            error,
+        }
     }
 
     fn format_error(&self, error: &toml::de::Error) -> ConfigError {
@@ -102,7 +111,9 @@ pub fn resolved_text(config: &impl Serialize) -> Result<String, ConfigError> {
 
 /// Sets one dotted key in a tree of tables; `name[2]` and `name.2` index arrays.
 fn apply_override(root: &mut toml::Table, argument: &str) -> Result<(), String> {
-    let (path, value) = argument.split_once('=').ok_or("expected key=value, for example seed=7")?;
+    let (path, value) = argument
+        .split_once('=')
+        .ok_or("expected key=value, for example seed=7")?;
     let path = path.trim().replace('[', ".").replace(']', "");
     let (parents, key) = path.rsplit_once('.').unwrap_or(("", &path));
     if key.is_empty() {
@@ -124,7 +135,9 @@ fn apply_override(root: &mut toml::Table, argument: &str) -> Result<(), String> 
             }
             None => entry,
         };
-        table = entry.as_table_mut().ok_or(format!("`{part}` is not a table"))?;
+        table = entry
+            .as_table_mut()
+            .ok_or(format!("`{part}` is not a table"))?;
     }
     let value = parse_value(value.trim());
     let value = match (table.get(key), value) {
@@ -222,7 +235,10 @@ mod tests {
     }
 
     fn text(text: &str) -> ConfigText {
-        ConfigText { file: "a.toml".into(), text: text.into() }
+        ConfigText {
+            file: "a.toml".into(),
+            text: text.into(),
+        }
     }
 
     fn message(content: &str) -> String {
@@ -240,9 +256,15 @@ mod tests {
     #[test]
     fn values_out_of_range_are_refused_with_file_line_and_range() {
         let found = message("name = \"x\"\n[motor]\n\nmax_speed_m_s = 30.0\n");
-        assert_eq!(found, "a.toml:4: `motor.max_speed_m_s` is 30; allowed is 0.1 to 10");
+        assert_eq!(
+            found,
+            "a.toml:4: `motor.max_speed_m_s` is 30; allowed is 0.1 to 10"
+        );
         let found = message("[[motors]]\n[[motors]]\nmax_speed_m_s = 30.0\n");
-        assert_eq!(found, "a.toml:3: `motors[1].max_speed_m_s` is 30; allowed is 0.1 to 10");
+        assert_eq!(
+            found,
+            "a.toml:3: `motors[1].max_speed_m_s` is 30; allowed is 0.1 to 10"
+        );
     }
 
     #[test]
@@ -252,12 +274,28 @@ mod tests {
                 .with_overrides(&[argument.to_owned()])
                 .and_then(|t| t.read::<Root>())
         };
-        assert_eq!(set("motor.max_speed_m_s=3").unwrap().motor.max_speed_m_s, 3.0);
-        assert_eq!(set("motors[1].max_speed_m_s=4.5").unwrap().motors[1].max_speed_m_s, 4.5);
+        assert_eq!(
+            set("motor.max_speed_m_s=3").unwrap().motor.max_speed_m_s,
+            3.0
+        );
+        assert_eq!(
+            set("motors[1].max_speed_m_s=4.5").unwrap().motors[1].max_speed_m_s,
+            4.5
+        );
         assert_eq!(set("name=pad").unwrap().name, "pad");
         assert!(set("nothing").is_err());
-        assert!(set("motor.max_speed_m_s=99").unwrap_err().to_string().contains("--set"));
-        assert!(set("motors[7].x=1").unwrap_err().to_string().contains("no element 7"));
+        assert!(
+            set("motor.max_speed_m_s=99")
+                .unwrap_err()
+                .to_string()
+                .contains("--set")
+        );
+        assert!(
+            set("motors[7].x=1")
+                .unwrap_err()
+                .to_string()
+                .contains("no element 7")
+        );
     }
 
     #[test]

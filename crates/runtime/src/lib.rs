@@ -1,2 +1,95 @@
 //! The only place with clocks and files: it reads scenarios, flies them against a simulated
 //! vehicle, replays recordings and runs estimators over real flights.
+
+pub mod check;
+pub mod config;
+pub mod estimate;
+pub mod flight;
+pub mod flight_log;
+pub mod flights;
+pub mod mission;
+pub mod replay;
+pub mod scenario;
+mod scene;
+pub mod timing;
+
+use std::path::{Path, PathBuf};
+
+use alula_messages::VehicleError;
+use alula_parameters::ParameterError;
+use alula_record::RecordError;
+use alula_sim::world::WorldError;
+
+pub use config::ConfigError;
+pub use scenario::Scenario;
+
+/// Version of alula, as it stands in recordings.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// Why something could not be run: bad input, each with what to do about it.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// A configuration is not allowed.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// A parameter is not allowed.
+    #[error(transparent)]
+    Parameter(#[from] ParameterError),
+    /// A world cannot be.
+    #[error(transparent)]
+    World(#[from] WorldError),
+    /// A recording or log cannot be read or written.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    /// The vehicle does not answer.
+    #[error(transparent)]
+    Vehicle(#[from] VehicleError),
+    /// A file cannot be read.
+    #[error("{}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// A file cannot be written.
+    #[error("{}: cannot be written: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// The input is not what the command needs.
+    #[error("{what}: {finding}. {remedy}")]
+    Input {
+        /// The file or argument.
+        what: String,
+        /// What is wrong with it.
+        finding: String,
+        /// What to do.
+        remedy: String,
+    },
+}
+
+/// Writes a file.
+///
+/// # Errors
+/// When it cannot be written.
+pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), RunError> {
+    std::fs::write(path, bytes).map_err(|source| RunError::Write {
+        path: path.to_path_buf(),
+        source,
+    })
+}
+
+/// Makes a folder and those above it.
+///
+/// # Errors
+/// When it cannot be made.
+pub fn make_folder(path: &Path) -> Result<(), RunError> {
+    std::fs::create_dir_all(path).map_err(|source| RunError::Write {
+        path: path.to_path_buf(),
+        source,
+    })
+}

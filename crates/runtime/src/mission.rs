@@ -1,0 +1,210 @@
+//! A mission: the sequence of requests that a flight consists of.
+
+use alula_geometry::Timestamp;
+use alula_messages::{EstimateHealth, FlightMode, Intent, StackOutput};
+use alula_parameters::parameters;
+use nalgebra::Vector3;
+
+parameters! {
+    /// What to fly.
+    pub struct MissionConfig {
+        /// Height of the hover after take-off, above the take-off point.
+        pub take_off_height_m: f64 = 1.5, within(0.3, 50.0);
+        /// Points to fly through in order, world frame.
+        pub waypoints_m: Vec<[f64; 3]> = Vec::new(), within(-1000.0, 1000.0);
+        /// Pause in the hover before and after the waypoints.
+        pub hover_s: f64 = 1.0, within(0.0, 600.0);
+    }
+}
+
+/// How long a refused request waits before it is made again, s.
+const RETRY_S: f64 = 0.5;
+
+/// Where a mission is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Step {
+    /// Waiting for a good estimate, then arming.
+    Arm,
+    /// Taking off.
+    TakeOff,
+    /// Hovering, then flying through the waypoints.
+    Fly,
+    /// Hovering, then landing.
+    Land,
+    /// On the way down.
+    TouchDown,
+    /// On the ground again with motors off.
+    Done,
+}
+
+/// Makes the requests of a mission, each when the mode of flight allows it.
+#[derive(Clone, Debug)]
+pub struct Mission {
+    config: MissionConfig,
+    step: Step,
+    /// Since when the vehicle has been hovering or standing ready.
+    ready_since: Option<Timestamp>,
+    last_request: Option<Timestamp>,
+    asked_to_land: bool,
+    interrupted: bool,
+}
+
+impl Mission {
+    /// A mission about to begin.
+    pub fn new(config: &MissionConfig) -> Self {
+        Self {
+            config: config.clone(),
+            step: Step::Arm,
+            ready_since: None,
+            last_request: None,
+            asked_to_land: false,
+            interrupted: false,
+        }
+    }
+
+    /// Where the mission is.
+    pub fn step(&self) -> Step {
+        self.step
+    }
+
+    /// Whether every waypoint was flown and the vehicle landed of its own accord.
+    pub fn succeeded(&self) -> bool {
+        self.step == Step::Done && !self.interrupted
+    }
+
+    /// The next request, if it is time for one, given the last output of the stack.
+    pub fn next(&mut self, output: &StackOutput) -> Option<Intent> {
+        self.advance(output.mode);
+        let (mode, pause_s, intent) = self.wanted()?;
+        let ready = output.mode == mode && output.state.health == EstimateHealth::Good;
+        if !ready {
+            self.ready_since = None;
+            return None;
+        }
+        let since = *self.ready_since.get_or_insert(output.time);
+        let rested = output.time.seconds_since(since) >= pause_s;
+        let retry = self
+            .last_request
+            .is_none_or(|last| output.time.seconds_since(last) >= RETRY_S);
+        (rested && retry).then(|| {
+            self.last_request = Some(output.time);
+            self.asked_to_land |= intent == Intent::Land;
+            intent
+        })
+    }
+
+    /// Moves to the step that the mode of flight shows.
+    fn advance(&mut self, mode: FlightMode) {
+        let next = match (self.step, mode) {
+            (Step::Arm, FlightMode::Armed) => Step::TakeOff,
+            (Step::TakeOff, FlightMode::TakingOff) => Step::Fly,
+            (Step::Fly, FlightMode::Flying) => Step::Land,
+            (Step::Fly, FlightMode::Hovering) if self.config.waypoints_m.is_empty() => Step::Land,
+            (Step::Land, FlightMode::Landing) if self.asked_to_land => Step::TouchDown,
+            // A landing that the mission did not ask for ends it.
+            (Step::Fly | Step::Land, FlightMode::Landing) => self.interrupt(Step::TouchDown),
+            (Step::TouchDown, FlightMode::Disarmed) => Step::Done,
+            (_, FlightMode::Killed) => self.interrupt(Step::Done),
+            (Step::Fly | Step::Land, FlightMode::Disarmed) => self.interrupt(Step::Done),
+            (step, _) => step,
+        };
+        if next != self.step {
+            self.step = next;
+            self.ready_since = None;
+            self.last_request = None;
+        }
+    }
+
+    fn interrupt(&mut self, next: Step) -> Step {
+        self.interrupted = true;
+        next
+    }
+
+    /// The request of this step, the mode in which it is made and the pause before it.
+    fn wanted(&self) -> Option<(FlightMode, f64, Intent)> {
+        match self.step {
+            Step::Arm => Some((FlightMode::Disarmed, 0.0, Intent::Arm)),
+            Step::TakeOff => Some((
+                FlightMode::Armed,
+                RETRY_S,
+                Intent::TakeOff {
+                    height_m: self.config.take_off_height_m,
+                },
+            )),
+            Step::Fly => Some((FlightMode::Hovering, self.config.hover_s, self.fly())),
+            Step::Land => Some((FlightMode::Hovering, self.config.hover_s, Intent::Land)),
+            Step::TouchDown | Step::Done => None,
+        }
+    }
+
+    fn fly(&self) -> Intent {
+        let waypoints_world = self
+            .config
+            .waypoints_m
+            .iter()
+            .map(|p| Vector3::from(*p))
+            .collect();
+        Intent::Fly { waypoints_world }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Requests made when the modes pass by, one second apart.
+    fn requests(waypoints_m: Vec<[f64; 3]>, modes: &[FlightMode]) -> (Vec<Intent>, Mission) {
+        let mut mission = Mission::new(&MissionConfig {
+            waypoints_m,
+            ..Default::default()
+        });
+        let mut made = Vec::new();
+        let mut output = StackOutput::default();
+        output.state.health = EstimateHealth::Good;
+        for (second, mode) in modes.iter().enumerate() {
+            for quarter in 0..8 {
+                output.time = Timestamp::from_s(2.0 * second as f64 + 0.25 * f64::from(quarter));
+                output.mode = *mode;
+                made.extend(mission.next(&output));
+            }
+        }
+        made.dedup();
+        (made, mission)
+    }
+
+    #[test]
+    fn a_mission_arms_takes_off_flies_and_lands() {
+        use FlightMode::*;
+        let modes = [
+            Disarmed, Armed, TakingOff, Hovering, Flying, Hovering, Landing, Disarmed,
+        ];
+        let (made, mission) = requests(vec![[1.0, 0.0, 1.0]], &modes);
+        assert!(matches!(
+            made[..],
+            [
+                Intent::Arm,
+                Intent::TakeOff { .. },
+                Intent::Fly { .. },
+                Intent::Land
+            ]
+        ));
+        assert!(mission.succeeded());
+    }
+
+    #[test]
+    fn a_landing_by_the_guard_is_no_success() {
+        use FlightMode::*;
+        let modes = [
+            Disarmed, Armed, TakingOff, Hovering, Flying, Landing, Disarmed,
+        ];
+        let (_, mission) = requests(vec![[1.0, 0.0, 1.0]], &modes);
+        assert_eq!(mission.step(), Step::Done);
+        assert!(!mission.succeeded());
+    }
+
+    #[test]
+    fn nothing_is_asked_for_before_the_estimate_is_good() {
+        let mut mission = Mission::new(&MissionConfig::default());
+        assert_eq!(mission.next(&StackOutput::default()), None);
+    }
+}
