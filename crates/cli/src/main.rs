@@ -26,7 +26,7 @@ struct Arguments {
 
 const EXAMPLES: &str = "Examples:
   alula fly                                  fly the built-in mission and draw it
-  alula fly --seed 7 --set wind.mean_m_s=[2,0,0]
+  alula fly --seed 7 --set simulation.wind.mean_m_s=[2,0,0]
   alula fly scenarios/forest.toml --json     one JSON object, for scripts
   alula report out/first-flight-1            draw a flight again
   alula replay out/first-flight-1/flight.mcap

@@ -43,6 +43,21 @@ pub enum Rejection {
     Outlier,
 }
 
+impl Rejection {
+    /// A word for tables and JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Gate => "gate",
+            Self::NotFinite => "not_finite",
+            Self::Invalid => "invalid",
+            Self::TooOld => "too_old",
+            Self::OutOfOrder => "out_of_order",
+            Self::Phase => "phase",
+            Self::Outlier => "outlier",
+        }
+    }
+}
+
 /// One measurement that met a filter.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fusion {

@@ -36,6 +36,9 @@ pub enum ConfigError {
     },
 }
 
+/// Ends the name of a text that was changed by overrides: its lines are not those of the file.
+const WITH_OVERRIDES: &str = " with --set";
+
 /// A configuration text with where it came from.
 #[derive(Clone, Debug)]
 pub struct ConfigText {
@@ -63,7 +66,7 @@ impl ConfigText {
             })?;
         }
         Ok(Self {
-            file: format!("{} with --set", self.file),
+            file: format!("{}{WITH_OVERRIDES}", self.file),
             text: root.to_string(),
         })
     }
@@ -80,7 +83,7 @@ impl ConfigText {
 
     /// The error for a value in this text, with the line of its key.
     pub fn value_error(&self, error: ParameterError) -> ConfigError {
-        let line = line_of_key(&self.text, &error.key);
+        let line = line_of_key(&self.text, &error.key).filter(|_| !self.is_overridden());
         ConfigError::Value {
             file: self.file.clone(),
             place: line.map_or(String::new(), |n| format!(":{n}")),
@@ -88,8 +91,18 @@ impl ConfigText {
         }
     }
 
+    fn is_overridden(&self) -> bool {
+        self.file.ends_with(WITH_OVERRIDES)
+    }
+
     fn format_error(&self, error: &toml::de::Error) -> ConfigError {
-        let text = error.to_string();
+        let text = match error.span().filter(|_| self.is_overridden()) {
+            Some(span) => {
+                let line = line_at(&self.text, span.start);
+                format!("in `{line}`: {}", error.message())
+            }
+            None => error.to_string(),
+        };
         let remedy = suggestion(error.message()).map_or(String::new(), |s| format!("\n{s}"));
         ConfigError::Format {
             file: self.file.clone(),
@@ -154,6 +167,12 @@ fn parse_value(text: &str) -> toml::Value {
         .ok()
         .and_then(|mut table| table.remove("v"))
         .unwrap_or_else(|| toml::Value::String(text.to_owned()))
+}
+
+/// The line of a text that holds a byte.
+fn line_at(text: &str, offset: usize) -> &str {
+    let start = text[..offset].rfind('\n').map_or(0, |end| end + 1);
+    text[start..].lines().next().unwrap_or("").trim()
 }
 
 /// Line (from 1) on which a dotted key stands in a TOML text.
@@ -295,6 +314,26 @@ mod tests {
                 .unwrap_err()
                 .to_string()
                 .contains("no element 7")
+        );
+    }
+
+    #[test]
+    fn messages_about_overrides_quote_the_line_and_do_not_count_it() {
+        let message = |argument: &str| {
+            text("name = \"x\"\n")
+                .with_overrides(&[argument.to_owned()])
+                .and_then(|t| t.read::<Root>())
+                .unwrap_err()
+                .to_string()
+        };
+        assert_eq!(
+            message("motor.max_speed_m_s=99"),
+            "a.toml with --set: `motor.max_speed_m_s` is 99; allowed is 0.1 to 10"
+        );
+        let found = message("motor.max_speed_km_h=3");
+        assert!(
+            found.starts_with("a.toml with --set: in `max_speed_km_h = 3`: unknown field"),
+            "{found}"
         );
     }
 

@@ -252,6 +252,25 @@ impl FlightLog {
 
 fn sample(t_s: f64, output: &StackOutput, truth: &TruthRecord) -> Sample {
     let state = &output.state;
+    if state.health == EstimateHealth::Initialising {
+        return Sample {
+            position: UNKNOWN,
+            velocity: UNKNOWN,
+            position_sigma: UNKNOWN,
+            velocity_sigma: UNKNOWN,
+            attitude_error: UNKNOWN,
+            attitude_sigma: UNKNOWN,
+            ..known_sample(t_s, output, truth)
+        };
+    }
+    known_sample(t_s, output, truth)
+}
+
+/// In place of an estimate that does not exist yet.
+const UNKNOWN: Vector3<f64> = Vector3::new(f64::NAN, f64::NAN, f64::NAN);
+
+fn known_sample(t_s: f64, output: &StackOutput, truth: &TruthRecord) -> Sample {
+    let state = &output.state;
     Sample {
         t_s,
         true_position: truth.world_from_body.translation.vector,

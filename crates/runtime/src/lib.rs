@@ -38,6 +38,14 @@ pub enum RunError {
     /// A world cannot be.
     #[error(transparent)]
     World(#[from] WorldError),
+    /// The world of a scenario cannot be, or the mission is not possible in it.
+    #[error("{file}: {error}")]
+    Scenario {
+        /// Where the scenario came from.
+        file: String,
+        /// What is wrong.
+        error: WorldError,
+    },
     /// A recording or log cannot be read or written.
     #[error(transparent)]
     Record(#[from] RecordError),

@@ -8,7 +8,7 @@ use alula_parameters::{ParameterError, Parameters, facts, parameters};
 use alula_sim::multirotor::{self, VehicleModel};
 use alula_sim::sensors::{AutopilotSensing, SensorSuiteConfig};
 use alula_sim::wind::WindConfig;
-use alula_sim::world::{World, WorldConfig};
+use alula_sim::world::{World, WorldConfig, WorldError};
 use alula_sim::{LinkConfig, SimulatedVehicle, StartConfig, VehicleSetup};
 use alula_stack::{Stack, StackConfig};
 use nalgebra::Point3;
@@ -81,6 +81,8 @@ facts! {
 #[derive(Clone, Debug)]
 pub struct Scenario {
     config: ScenarioConfig,
+    /// Where it came from, for messages.
+    file: String,
     /// Folder to which file names in the scenario refer.
     folder: PathBuf,
 }
@@ -114,7 +116,11 @@ impl Scenario {
     /// When anything in it is not allowed.
     pub fn parse(text: ConfigText, folder: PathBuf) -> Result<Self, RunError> {
         let config: ScenarioConfig = text.read()?;
-        let scenario = Self { config, folder };
+        let scenario = Self {
+            config,
+            file: text.file.clone(),
+            folder,
+        };
         scenario
             .vehicle_setup()
             .map_err(|error| text.value_error(error))?;
@@ -141,12 +147,22 @@ impl Scenario {
     /// # Errors
     /// When the world cannot be, a file it names cannot be read, or a waypoint lies in an obstacle.
     pub fn build_world(&self, seed: u64) -> Result<Arc<World>, RunError> {
+        let radius_m = self.vehicle_model()?.airframe.radius_m;
+        self.possible_world(seed, radius_m)
+            .map(Arc::new)
+            .map_err(|error| RunError::Scenario {
+                file: self.file.clone(),
+                error,
+            })
+    }
+
+    /// A world in which a vehicle of this radius has room where the mission leads.
+    fn possible_world(&self, seed: u64, radius_m: f64) -> Result<World, WorldError> {
         let assets = |name: &str| {
             let path = self.folder.join(name);
             fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))
         };
         let world = World::new(&self.config.world, seed, &assets)?;
-        let radius_m = self.vehicle_model()?.airframe.radius_m;
         let [x, y, _] = self.config.simulation.start.position_m;
         let ground_m = world.ground_height_m();
         let height_m = ground_m + self.config.mission.take_off_height_m;
@@ -167,7 +183,7 @@ impl Scenario {
                 &format!("waypoint {}", i + 1),
             )?;
         }
-        Ok(Arc::new(world))
+        Ok(world)
     }
 
     /// A simulated vehicle at the start.

@@ -165,10 +165,22 @@ fn write(folder: &Path, estimation: &Estimation) -> Result<Vec<PathBuf>, RunErro
 fn print(report: &EstimationReport) {
     println!("{} over {}", report.estimator, report.log.display());
     println!(
-        "  completed   {:.1} % of {} inertial samples; {} of {} measurements rejected",
+        "  completed   {:.1} % of {} inertial samples",
         100.0 * report.completed_fraction,
-        report.samples,
-        report.rejected,
+        report.samples
+    );
+    let rejected: Vec<String> = report
+        .rejected
+        .iter()
+        .map(|(reason, count)| format!("{count} by {reason}"))
+        .collect();
+    let rejected = if rejected.is_empty() {
+        "none".to_owned()
+    } else {
+        rejected.join(", ")
+    };
+    println!(
+        "  rejected    {rejected} of {} measurements",
         report.measurements
     );
     if let Some(errors) = &report.errors {
@@ -185,6 +197,11 @@ fn print(report: &EstimationReport) {
         println!("  orientation {:.3} deg", errors.orientation_rmse_deg);
         if let Some(velocity) = errors.velocity_rmse_m_s {
             println!("  velocity    {velocity:.4} m/s");
+        }
+        if let (Some(velocity), Some(tilt)) = (errors.nees_velocity, errors.nees_tilt) {
+            println!(
+                "  consistency NEES of velocity {velocity:.2} (3 expected), of tilt {tilt:.2} (2)"
+            );
         }
     }
     println!("  jumps       none above {:.4} m", report.max_jump_m);

@@ -177,7 +177,6 @@ impl Series {
         let (width, dash) = match self.style {
             Style::Solid | Style::Points => (1.6, ""),
             Style::Dashed => (1.4, "6 3"),
-            Style::Dotted => (1.6, "1.5 2.5"),
         };
         Pen {
             dash,

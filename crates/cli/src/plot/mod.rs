@@ -37,8 +37,6 @@ pub enum Style {
     Solid,
     /// A dashed line.
     Dashed,
-    /// A dotted line.
-    Dotted,
     /// Not at all: dots.
     Points,
 }

@@ -145,8 +145,9 @@ fn later(times: &[Timestamp], i: usize, delta_s: f64) -> Option<usize> {
 }
 
 /// Mean over `pieces` sub-trajectories of |estimated length / true length - 1| (document L,
-/// equation 4-4, as its text describes it). Pieces in which the reference stands still are left
-/// out.
+/// equation 4-4, as its text describes it). Pieces in which the reference stands still, that is,
+/// moves less than a tenth of the mean of all pieces, are left out. Lengths sum the noise of the
+/// poses too: thin them first to a rate at which motion exceeds noise.
 ///
 /// # Errors
 /// If the numbers of poses differ, or there are fewer than two for each piece, or the reference
@@ -159,10 +160,11 @@ pub fn scale_error(
     let pieces = pieces.max(1);
     check_lengths(reference, estimate, pieces + 1)?;
     let border = |k: usize| k * (reference.len() - 1) / pieces;
+    let standing_m = 0.1 * length_m(reference) / pieces as f64;
     let ratios: Vec<f64> = (0..pieces)
         .map(|k| (border(k), border(k + 1)))
         .map(|(a, b)| (length_m(&reference[a..=b]), length_m(&estimate[a..=b])))
-        .filter(|(truth, _)| *truth > 0.0)
+        .filter(|(truth, _)| *truth > standing_m)
         .map(|(truth, found)| (found / truth - 1.0).abs())
         .collect();
     statistics(&ratios)

@@ -20,8 +20,8 @@ use crate::config::{ConfigText, resolved_text};
 /// The estimator when none is named: a EuRoC folder without images offers poses.
 const DEFAULT_ESTIMATOR: &str = "pose-imu";
 
-/// Distance of the imagined floor below the place where the flight begins, m.
-const FLOOR_BELOW_START_M: f64 = 0.1;
+/// Distance of the imagined floor below the lowest true place, m: far enough for a flow camera.
+const FLOOR_BELOW_LOWEST_M: f64 = 0.5;
 
 /// Noise of the flow made from truth, rad/s: that of the simulator's flow camera averaged over the
 /// longer interval between true poses.
@@ -33,8 +33,8 @@ const RANGE_SIGMA_M: f64 = 0.02;
 /// Reach of the ranger made from truth, m.
 const RANGE_LIMITS_M: [f64; 2] = [0.05, 14.0];
 
-/// Height above the start from which the vehicle counts as flying, m.
-const AIRBORNE_M: f64 = 0.1;
+/// True speed from which the vehicle counts as moving, m/s.
+const MOVING_M_S: f64 = 0.03;
 
 /// Duration at the start during which the vehicle is taken to stand still, s.
 const STILL_S: f64 = 0.5;
@@ -141,21 +141,16 @@ fn flow_feed(job: &Job, imu: &[ImuSample], truth: &[TruthSample]) -> Feed {
         calibration: Some(calibration.clone()),
         ..EstimationConfig::default()
     };
+    let heights = || truth.iter().map(|t| t.world_from_body.translation.z);
+    let floor_m = heights().fold(f64::INFINITY, f64::min) - FLOOR_BELOW_LOWEST_M;
+    let start_m = heights().next().unwrap_or(floor_m);
     let alignment = &mut estimation.parameters.flow_odometry.alignment;
-    alignment.start_position_m = [0.0, 0.0, FLOOR_BELOW_START_M];
+    alignment.start_position_m = [0.0, 0.0, start_m - floor_m];
     alignment.duration_s = STILL_S;
     let mut steps = batches(&body_samples);
-    let floor_m = truth
-        .first()
-        .map_or(0.0, |t| t.world_from_body.translation.z)
-        - FLOOR_BELOW_START_M;
     let mut imagined = Imagined::new(&calibration, floor_m, job.seed);
     imagined.deliver(&truth, &mut steps);
-    set_modes(
-        &truth,
-        floor_m + FLOOR_BELOW_START_M + AIRBORNE_M,
-        &mut steps,
-    );
+    set_modes(&truth, &mut steps);
     Feed {
         steps,
         truth,
@@ -253,17 +248,14 @@ pub(super) fn deliver_poses(batches: Vec<&mut SensorBatch>, arriving: &[(Timesta
     }
 }
 
-/// The flight mode that the true height shows.
-fn set_modes(truth: &[TrueMotion], airborne_z_m: f64, steps: &mut [(SensorBatch, FlightMode)]) {
-    let mut at = 0;
+/// Sets the flight mode: the vehicle stands before it first moves and after it last did.
+fn set_modes(truth: &[TrueMotion], steps: &mut [(SensorBatch, FlightMode)]) {
+    let moves = |t: &&TrueMotion| t.velocity_world.is_some_and(|v| v.norm() > MOVING_M_S);
+    let first = truth.iter().find(moves).map(|t| t.time);
+    let last = truth.iter().rfind(moves).map(|t| t.time);
     for (batch, mode) in steps {
-        while at + 1 < truth.len() && truth[at + 1].time <= batch.now {
-            at += 1;
-        }
-        let airborne = truth
-            .get(at)
-            .is_some_and(|t| t.world_from_body.translation.z > airborne_z_m);
-        *mode = if airborne {
+        let flies = first.is_some_and(|t| t <= batch.now) && last.is_some_and(|t| batch.now <= t);
+        *mode = if flies {
             FlightMode::Flying
         } else {
             FlightMode::Disarmed

@@ -1,9 +1,12 @@
 //! Estimates against the truth.
 
+use alula_estimation::eskf::ErrorVector;
 use alula_estimation::metrics::{
     self, Alignment, Pairing, absolute_rotation_errors, absolute_translation_errors,
     relative_errors, statistics,
 };
+use alula_geometry::{Pose, TimeDelta, Timestamp, so3};
+use alula_messages::error_index::{ORIENTATION, VELOCITY};
 use alula_messages::{EstimateHealth, NavState};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -15,6 +18,10 @@ const MAX_TIME_DIFFERENCE_S: f64 = 0.01;
 
 /// Pieces over which the scale error is averaged (document L, section 4-1-1).
 const SCALE_PIECES: usize = 10;
+
+/// Rate at which paths are measured: at that of inertial data, noise would count as motion. Document
+/// L's cameras gave 15 poses a second.
+const SCALE_RATE_HZ: f64 = 10.0;
 
 /// How the estimate is moved onto the truth before position errors are taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -76,6 +83,11 @@ pub struct Errors {
     pub velocity_rmse_m_s: Option<f64>,
     /// Position error at the end, after alignment, m.
     pub final_error_m: f64,
+    /// Mean normalised squared error of the velocity: 3 for a filter that knows its error; absent
+    /// where the true velocity is not known.
+    pub nees_velocity: Option<f64>,
+    /// The same of roll and pitch: 2 for a filter that knows its error.
+    pub nees_tilt: Option<f64>,
 }
 
 /// Whether a state means anything.
@@ -118,8 +130,7 @@ pub fn judge(
     let rotation = absolute_rotation_errors(&reference, &aligned).map_err(in_words)?;
     let pairing = Pairing::Seconds(rpe_delta_s);
     let relative = relative_errors(&times, &reference, &aligned, pairing).map_err(in_words)?;
-    let pieces = SCALE_PIECES.min(reference.len().saturating_sub(1)).max(1);
-    let scale = metrics::scale_error(&reference, &aligned, pieces).map_err(in_words)?;
+    let scale = scale_error(&times, &reference, &aligned).map_err(in_words)?;
     let rmse = |errors: &[f64]| statistics(errors).map_or(f64::NAN, |s| s.rmse);
     Ok(Errors {
         alignment: align,
@@ -134,7 +145,28 @@ pub fn judge(
             similarity.reference_from_estimate.rotation * v
         }),
         final_error_m: absolute.last().copied().unwrap_or(f64::NAN),
+        nees_velocity: mean_nees(&pairs, &similarity, [VELOCITY, VELOCITY + 1, VELOCITY + 2]),
+        nees_tilt: mean_nees(&pairs, &similarity, [ORIENTATION, ORIENTATION + 1]),
     })
+}
+
+/// Scale error over poses thinned to [`SCALE_RATE_HZ`].
+fn scale_error(
+    times: &[Timestamp],
+    reference: &[Pose],
+    aligned: &[Pose],
+) -> Result<f64, metrics::MetricsError> {
+    let mut next = times.first().copied().unwrap_or_default();
+    let mut thinned = (Vec::new(), Vec::new());
+    for (i, time) in times.iter().enumerate() {
+        if *time >= next {
+            next = *time + TimeDelta::from_hz(SCALE_RATE_HZ);
+            thinned.0.push(reference[i]);
+            thinned.1.push(aligned[i]);
+        }
+    }
+    let pieces = SCALE_PIECES.min(thinned.0.len().saturating_sub(1)).max(1);
+    metrics::scale_error(&thinned.0, &thinned.1, pieces)
 }
 
 fn velocity_rmse(
@@ -149,6 +181,31 @@ fn velocity_rmse(
         })
         .collect();
     statistics(&errors?).map(|s| s.rmse)
+}
+
+/// Mean normalised squared error of some rows of the error state, with the truth brought into the
+/// frame of the estimate. Without true velocity there is none.
+fn mean_nees<const N: usize>(
+    pairs: &[(&NavState, &TrueMotion)],
+    similarity: &metrics::Similarity,
+    rows: [usize; N],
+) -> Option<f64> {
+    let estimate_from_reference = similarity.reference_from_estimate.inverse();
+    let values: Option<Vec<f64>> = pairs
+        .iter()
+        .map(|(state, truth)| {
+            let pose = estimate_from_reference * truth.world_from_body;
+            let velocity = estimate_from_reference.rotation * truth.velocity_world?;
+            let mut error = ErrorVector::zeros();
+            error
+                .fixed_rows_mut::<3>(VELOCITY)
+                .copy_from(&(velocity - state.velocity_world));
+            let turned = so3::log(&(state.world_from_body.rotation.inverse() * pose.rotation));
+            error.fixed_rows_mut::<3>(ORIENTATION).copy_from(&turned);
+            metrics::nees_of(&error, &state.covariance, rows)
+        })
+        .collect();
+    statistics(&values?).map(|s| s.mean)
 }
 
 /// Each true instant with the state nearest to it in time.

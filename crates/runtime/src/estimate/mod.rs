@@ -4,10 +4,11 @@ mod euroc;
 mod judge;
 mod recording;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use alula_geometry::{Pose, Timestamp};
-use alula_messages::{FlightMode, Fusion, NavState, SensorBatch};
+use alula_messages::{FlightMode, NavState, SensorBatch};
 use alula_parameters::parameters;
 use alula_stack::EstimationConfig;
 use nalgebra::Vector3;
@@ -89,8 +90,9 @@ pub struct EstimationReport {
     pub completed_fraction: f64,
     /// Measurements that met the filter.
     pub measurements: usize,
-    /// Measurements that were rejected.
-    pub rejected: usize,
+    /// Measurements that were rejected, by reason. Those of the phase are not trusted near the
+    /// ground.
+    pub rejected: BTreeMap<&'static str, usize>,
     /// Greatest step of the estimated position beyond what its velocity explains, m.
     pub max_jump_m: f64,
     /// Errors against the truth, where it is known.
@@ -167,7 +169,7 @@ struct Run {
     states: Vec<NavState>,
     samples: usize,
     fusions: usize,
-    rejected: usize,
+    rejected: BTreeMap<&'static str, usize>,
     usable_steps: usize,
     steps: usize,
     max_jump_m: f64,
@@ -181,7 +183,7 @@ impl Run {
             states: Vec::with_capacity(feed.steps.len()),
             samples: 0,
             fusions: 0,
-            rejected: 0,
+            rejected: BTreeMap::new(),
             usable_steps: 0,
             steps: 0,
             max_jump_m: 0.0,
@@ -196,12 +198,14 @@ impl Run {
         self.samples += batch.imu.len();
         self.steps += 1;
         self.fusions += self.estimator.fusions().len();
-        self.rejected += self
+        for reason in self
             .estimator
             .fusions()
             .iter()
-            .filter(|f: &&Fusion| !f.accepted())
-            .count();
+            .filter_map(|fusion| fusion.rejection)
+        {
+            *self.rejected.entry(reason.name()).or_default() += 1;
+        }
         let state = self.estimator.state();
         if !judge::is_usable(state) {
             return;
