@@ -49,7 +49,8 @@ pub struct ConfigText {
 }
 
 impl ConfigText {
-    /// Applies `key.path=value` overrides; the values are TOML, bare words count as strings.
+    /// Applies `key.path=value` overrides; the values are TOML, bare words count as strings, and no
+    /// value at all removes the key.
     ///
     /// # Errors
     /// When the text is not TOML, or an override is malformed.
@@ -151,6 +152,12 @@ fn apply_override(root: &mut toml::Table, argument: &str) -> Result<(), String> 
         table = entry
             .as_table_mut()
             .ok_or(format!("`{part}` is not a table"))?;
+    }
+    if value.trim().is_empty() {
+        return match table.remove(key) {
+            Some(_) => Ok(()),
+            None => Err(format!("there is no `{key}` to remove")),
+        };
     }
     let value = parse_value(value.trim());
     let value = match (table.get(key), value) {
@@ -302,6 +309,8 @@ mod tests {
             4.5
         );
         assert_eq!(set("name=pad").unwrap().name, "pad");
+        assert_eq!(set("motor.max_speed_m_s=").unwrap().motor, Motor::default());
+        assert!(set("motor.min_speed_m_s=").is_err());
         assert!(set("nothing").is_err());
         assert!(
             set("motor.max_speed_m_s=99")

@@ -239,7 +239,7 @@ impl<'a> Run<'a> {
         let mut done = |stage: Stage| stopwatch.lap(stage.name());
         match self.scenario.config().simulation.state {
             StateSource::Estimated => self.stack.update_watched(&self.batch, &mut done),
-            StateSource::True => {
+            StateSource::Truth => {
                 let state = true_state(self.vehicle.truth(), self.batch.now);
                 self.stack.update_with_state(&self.batch, &state, &mut done)
             }

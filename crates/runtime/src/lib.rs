@@ -53,7 +53,7 @@ pub enum RunError {
     #[error(transparent)]
     Vehicle(#[from] VehicleError),
     /// A file cannot be read.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: cannot be read: {source}; check the name and its permissions", path.display())]
     Read {
         /// The file.
         path: PathBuf,
@@ -61,7 +61,10 @@ pub enum RunError {
         source: std::io::Error,
     },
     /// A file cannot be written.
-    #[error("{}: cannot be written: {source}", path.display())]
+    #[error(
+        "{}: cannot be written: {source}; check the folder, its permissions and the free space",
+        path.display()
+    )]
     Write {
         /// The file.
         path: PathBuf,

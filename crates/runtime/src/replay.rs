@@ -112,7 +112,7 @@ impl Rerun {
         }
         match self.state {
             StateSource::Estimated => self.stack.update(batch),
-            StateSource::True => self
+            StateSource::Truth => self
                 .stack
                 .update_with_state(batch, &recorded.state, &mut |_| {}),
         }

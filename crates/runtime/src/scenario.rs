@@ -58,7 +58,7 @@ pub enum StateSource {
     #[default]
     Estimated,
     /// The simulator's truth, to judge control alone.
-    True,
+    Truth,
 }
 
 facts! {

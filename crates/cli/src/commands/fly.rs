@@ -28,7 +28,7 @@ pub struct Arguments {
     /// Print one JSON object instead of the summary.
     #[arg(long)]
     json: bool,
-    /// Change a key of the scenario; may be given often.
+    /// Change a key of the scenario, or remove it (KEY=); may be given often.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     overrides: Vec<String>,
     /// Write neither recording nor report.
