@@ -5,50 +5,87 @@ use alula_runtime::flight::{FlightSummary, Outcome};
 
 use crate::page::{Fact, Row, Status, Table};
 
-/// The facts of a flight, the most important first.
-pub fn facts(summary: &FlightSummary) -> Vec<Fact> {
+/// The facts of a flight as short cards for a page, the most important first.
+pub fn cards(summary: &FlightSummary) -> Vec<Fact> {
     let estimation = &summary.estimation;
-    let fact = |label: &str, value: String, status: Status| Fact {
+    let reached = summary.outcome == Outcome::Reached;
+    let card = |label: &str, value: String, status: Status| Fact {
         label: label.to_owned(),
         value,
         status,
     };
-    let plain = |label: &str, value: String| fact(label, value, Status::Neutral);
+    let plain = |label: &str, value: String| card(label, value, Status::Neutral);
     let good_if = |good: bool| if good { Status::Good } else { Status::Warning };
+    let outcome = if reached { Status::Good } else { Status::Bad };
     vec![
-        fact(
-            "outcome",
-            format!("{}: {}", summary.outcome.name(), summary.reason),
-            if summary.outcome == Outcome::Reached {
-                Status::Good
-            } else {
-                Status::Bad
-            },
+        card("outcome", summary.outcome.name().to_owned(), outcome),
+        card(
+            "guard",
+            guard(summary.guard).to_owned(),
+            good_if(summary.guard == Fallback::None),
+        ),
+        card(
+            "landed from the take-off point",
+            format!("{:.2} m", summary.landing_distance_m),
+            good_if(summary.landing_distance_m < 1.0),
+        ),
+        plain("duration", format!("{:.1} s", summary.duration_s)),
+        plain("path", format!("{:.1} m", summary.path_length_m)),
+        plain("top speed", format!("{:.2} m/s", summary.max_speed_m_s)),
+        plain("least clearance", metres_or_none(summary.min_clearance_m)),
+        plain(
+            "position error (RMSE)",
+            format!("{:.3} m", estimation.position_rmse_m),
         ),
         plain(
+            "velocity error (RMSE)",
+            format!("{:.3} m/s", estimation.velocity_rmse_m_s),
+        ),
+        plain(
+            "tilt error (RMSE)",
+            format!("{:.2} deg", estimation.tilt_rmse_deg),
+        ),
+        plain(
+            "heading error (RMSE)",
+            format!("{:.2} deg", estimation.yaw_rmse_deg),
+        ),
+        plain(
+            "from the reference (RMSE)",
+            format!("{:.3} m", summary.tracking_rmse_m),
+        ),
+    ]
+}
+
+fn metres_or_none(value: Option<f64>) -> String {
+    value.map_or("nothing around".to_owned(), |metres| {
+        format!("{metres:.2} m")
+    })
+}
+
+/// The lines of the summary on a terminal: what, and how much.
+fn lines(summary: &FlightSummary) -> Vec<(&'static str, String)> {
+    let estimation = &summary.estimation;
+    vec![
+        (
+            "outcome",
+            format!("{}: {}", summary.outcome.name(), summary.reason),
+        ),
+        (
             "flown",
             format!(
                 "{:.1} m in {:.1} s, at up to {:.2} m/s",
                 summary.path_length_m, summary.duration_s, summary.max_speed_m_s
             ),
         ),
-        fact(
+        (
             "landed",
             format!(
                 "{:.2} m from the take-off point",
                 summary.landing_distance_m
             ),
-            good_if(summary.landing_distance_m < 1.0),
         ),
-        plain(
-            "clearance",
-            summary
-                .min_clearance_m
-                .map_or("nothing around".to_owned(), |c| {
-                    format!("never less than {c:.2} m")
-                }),
-        ),
-        plain(
+        ("least clearance", metres_or_none(summary.min_clearance_m)),
+        (
             "estimate",
             format!(
                 "position {:.3} m, velocity {:.3} m/s, tilt {:.2} deg, heading {:.2} deg (RMSE)",
@@ -58,19 +95,15 @@ pub fn facts(summary: &FlightSummary) -> Vec<Fact> {
                 estimation.yaw_rmse_deg
             ),
         ),
-        plain(
+        (
             "tracking",
             format!(
                 "{:.3} m from the reference (RMSE, true)",
                 summary.tracking_rmse_m
             ),
         ),
-        fact(
-            "guard",
-            guard(summary.guard).to_owned(),
-            good_if(summary.guard == Fallback::None),
-        ),
-        plain(
+        ("guard", guard(summary.guard).to_owned()),
+        (
             "speed of simulation",
             format!("{:.0} times real time", summary.real_time_factor),
         ),
@@ -90,8 +123,8 @@ fn guard(worst: Fallback) -> &'static str {
 /// The same for a terminal.
 pub fn print(summary: &FlightSummary) {
     println!("\n{} (seed {})", summary.scenario, summary.seed);
-    for fact in facts(summary) {
-        println!("  {:<20} {}", fact.label, fact.value);
+    for (what, how_much) in lines(summary) {
+        println!("  {what:<20} {how_much}");
     }
 }
 

@@ -96,7 +96,7 @@ fn write_report(folder: &Path, scenario: &Scenario, flight: &Flight) -> Result<(
         &scenario.config().mission.waypoints_m,
     );
     let page = figures.page(
-        words::facts(summary),
+        words::cards(summary),
         vec![words::timing_table(summary)],
         Vec::new(),
     );
