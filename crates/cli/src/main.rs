@@ -35,17 +35,13 @@ const EXAMPLES: &str = "Examples:
 
 Exit codes: 0 success, 1 the flight or comparison failed, 2 bad input.";
 
+/// The commands, each explained where its arguments are.
 #[derive(Subcommand)]
 enum Command {
-    /// Fly a simulated mission in closed loop.
     Fly(commands::fly::Arguments),
-    /// Re-run the stack over a recording and report the first difference.
     Replay(commands::replay::Arguments),
-    /// Run an estimator over a recorded flight.
     Estimate(commands::estimate::Arguments),
-    /// Validate any file that alula reads.
     Check(commands::check::Arguments),
-    /// Draw what happened in a flight, or tabulate many flights.
     Report(commands::report::Arguments),
 }
 

@@ -1,5 +1,8 @@
 //! The rules of the house that a compiler does not check: see ARCHITECTURE.md.
 
+// Helpers of tests may fail like tests do.
+#![allow(clippy::unwrap_used)]
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};

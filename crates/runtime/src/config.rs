@@ -127,7 +127,7 @@ pub fn resolved_text(config: &impl Serialize) -> Result<String, ConfigError> {
 fn apply_override(root: &mut toml::Table, argument: &str) -> Result<(), String> {
     let (path, value) = argument
         .split_once('=')
-        .ok_or("expected key=value, for example seed=7")?;
+        .ok_or("expected key=value, for example mission.hover_s=2")?;
     let path = path.trim().replace('[', ".").replace(']', "");
     let (parents, key) = path.rsplit_once('.').unwrap_or(("", &path));
     if key.is_empty() {

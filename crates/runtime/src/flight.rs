@@ -137,7 +137,7 @@ pub fn fly(
         RecordTo::Nothing => None,
         RecordTo::File(path) => Some(Tape::start(path, scenario, seed, &world)?),
     };
-    Run::new(scenario, seed, world, vehicle, tape)?.to_the_end(watch)
+    Run::new(scenario, seed, world, vehicle, tape)?.complete(watch)
 }
 
 /// A flight under way.
@@ -179,7 +179,7 @@ impl<'a> Run<'a> {
         })
     }
 
-    fn to_the_end(mut self, watch: &mut dyn FnMut(&Progress)) -> Result<Flight, RunError> {
+    fn complete(mut self, watch: &mut dyn FnMut(&Progress)) -> Result<Flight, RunError> {
         let clock = std::time::Instant::now();
         let mut ending: Option<(Outcome, String, Timestamp)> = None;
         loop {

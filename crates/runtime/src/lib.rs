@@ -31,24 +31,24 @@ pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 pub enum RunError {
     /// A configuration is not allowed.
     #[error(transparent)]
-    Config(#[from] ConfigError),
+    Config(Box<ConfigError>),
     /// A parameter is not allowed.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
     /// A world cannot be.
     #[error(transparent)]
-    World(#[from] WorldError),
+    World(Box<WorldError>),
     /// The world of a scenario cannot be, or the mission is not possible in it.
     #[error("{file}: {error}")]
     Scenario {
         /// Where the scenario came from.
         file: String,
         /// What is wrong.
-        error: WorldError,
+        error: Box<WorldError>,
     },
     /// A recording or log cannot be read or written.
     #[error(transparent)]
-    Record(#[from] RecordError),
+    Record(Box<RecordError>),
     /// The vehicle does not answer.
     #[error(transparent)]
     Vehicle(#[from] VehicleError),
@@ -81,6 +81,24 @@ pub enum RunError {
         /// What to do.
         remedy: String,
     },
+}
+
+impl From<ConfigError> for RunError {
+    fn from(error: ConfigError) -> Self {
+        Self::Config(Box::new(error))
+    }
+}
+
+impl From<WorldError> for RunError {
+    fn from(error: WorldError) -> Self {
+        Self::World(Box::new(error))
+    }
+}
+
+impl From<RecordError> for RunError {
+    fn from(error: RecordError) -> Self {
+        Self::Record(Box::new(error))
+    }
 }
 
 /// Writes a file.

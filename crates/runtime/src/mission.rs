@@ -1,7 +1,7 @@
 //! A mission: the sequence of requests that a flight consists of.
 
 use alula_geometry::Timestamp;
-use alula_messages::{EstimateHealth, FlightMode, Intent, StackOutput};
+use alula_messages::{EstimateHealth, Fallback, FlightMode, Intent, StackOutput};
 use alula_parameters::parameters;
 use nalgebra::Vector3;
 
@@ -47,6 +47,7 @@ pub struct Mission {
     last_request: Option<Timestamp>,
     asked_to_land: bool,
     interrupted: bool,
+    mode: FlightMode,
 }
 
 impl Mission {
@@ -59,6 +60,7 @@ impl Mission {
             last_request: None,
             asked_to_land: false,
             interrupted: false,
+            mode: FlightMode::Disarmed,
         }
     }
 
@@ -74,6 +76,7 @@ impl Mission {
 
     /// The next request, if it is time for one, given the last output of the stack.
     pub fn next(&mut self, output: &StackOutput) -> Option<Intent> {
+        self.note_hold(output);
         self.advance(output.mode);
         let (mode, pause_s, intent) = self.wanted()?;
         let ready = output.mode == mode && output.state.health == EstimateHealth::Good;
@@ -91,6 +94,13 @@ impl Mission {
             self.asked_to_land |= intent == Intent::Land;
             intent
         })
+    }
+
+    /// A hold by the guard ends the way through the waypoints before its end.
+    fn note_hold(&mut self, output: &StackOutput) {
+        let stopped = self.mode == FlightMode::Flying && output.mode == FlightMode::Hovering;
+        self.interrupted |= stopped && output.guard.fallback != Fallback::None;
+        self.mode = output.mode;
     }
 
     /// Moves to the step that the mode of flight shows.
@@ -198,6 +208,37 @@ mod tests {
             Disarmed, Armed, TakingOff, Hovering, Flying, Landing, Disarmed,
         ];
         let (_, mission) = requests(vec![[1.0, 0.0, 1.0]], &modes);
+        assert_eq!(mission.step(), Step::Done);
+        assert!(!mission.succeeded());
+    }
+
+    #[test]
+    fn a_way_that_the_guard_cut_short_is_no_success() {
+        let (_, mut mission) = requests(
+            vec![[1.0, 0.0, 1.0]],
+            &[
+                FlightMode::Disarmed,
+                FlightMode::Armed,
+                FlightMode::TakingOff,
+                FlightMode::Hovering,
+                FlightMode::Flying,
+            ],
+        );
+        let mut output = StackOutput {
+            time: Timestamp::from_s(20.0),
+            mode: FlightMode::Hovering,
+            ..StackOutput::default()
+        };
+        output.state.health = EstimateHealth::Good;
+        output.guard.fallback = Fallback::Hold;
+        mission.next(&output);
+        output.time = Timestamp::from_s(30.0);
+        output.guard.fallback = Fallback::None;
+        assert_eq!(mission.next(&output), Some(Intent::Land));
+        for mode in [FlightMode::Landing, FlightMode::Disarmed] {
+            output.mode = mode;
+            mission.next(&output);
+        }
         assert_eq!(mission.step(), Step::Done);
         assert!(!mission.succeeded());
     }

@@ -152,7 +152,7 @@ impl Scenario {
             .map(Arc::new)
             .map_err(|error| RunError::Scenario {
                 file: self.file.clone(),
-                error,
+                error: Box::new(error),
             })
     }
 

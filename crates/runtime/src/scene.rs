@@ -22,7 +22,7 @@ pub fn people(world: &World, time: Timestamp) -> Vec<Person> {
     world
         .people_at(time)
         .map(|person| Person {
-            id: person.id as u32,
+            id: person.id,
             world_from_person: Pose::from_parts(
                 Translation3::from(person.centre_world.coords),
                 UnitQuaternion::from_euler_angles(0.0, 0.0, person.yaw_rad),

@@ -43,22 +43,24 @@ const STILL_S: f64 = 0.5;
 pub(super) fn read(job: &Job) -> Result<Feed, RunError> {
     let folder = Folder::open(&job.log)?;
     let imu = folder.imu()?;
-    let truth = folder.truth()?;
     let facts = folder.imu_facts()?;
-    let warnings = imu
-        .warnings
-        .iter()
-        .chain(&truth.warnings)
-        .map(ToString::to_string);
-    let warnings: Vec<String> = warnings.collect();
+    let mut warnings: Vec<String> = imu.warnings.iter().map(ToString::to_string).collect();
+    let truth = match &job.truth {
+        Some(path) => truth_of(&super::read_truth(path)?),
+        None => {
+            let truth = folder.truth()?;
+            warnings.extend(truth.warnings.iter().map(ToString::to_string));
+            truth.samples
+        }
+    };
     let name = job
         .estimator
         .clone()
         .unwrap_or_else(|| DEFAULT_ESTIMATOR.to_owned());
     let mut feed = if name == "flow-odometry" {
-        flow_feed(job, &imu.samples, &truth.samples)
+        flow_feed(job, &imu.samples, &truth)
     } else {
-        pose_feed(job, &imu.samples, &truth.samples)
+        pose_feed(job, &imu.samples, &truth)
     };
     feed.notes.splice(0..0, warnings);
     feed.estimation.estimator = name;
@@ -70,6 +72,29 @@ pub(super) fn read(job: &Job) -> Result<Feed, RunError> {
     .with_overrides(&job.overrides)?
     .read()?;
     Ok(feed)
+}
+
+/// A trajectory of the IMU from elsewhere as the truth, with its velocity by central differences.
+fn truth_of(motion: &[TrueMotion]) -> Vec<TruthSample> {
+    let place = |i: usize| motion[i].world_from_body.translation.vector;
+    (0..motion.len())
+        .map(|i| {
+            let (before, after) = (i.saturating_sub(1), (i + 1).min(motion.len() - 1));
+            let dt_s = motion[after].time.seconds_since(motion[before].time);
+            let velocity = if dt_s > 0.0 {
+                (place(after) - place(before)) / dt_s
+            } else {
+                Vector3::zeros()
+            };
+            TruthSample {
+                time: motion[i].time,
+                world_from_imu: motion[i].world_from_body,
+                velocity_world: velocity,
+                gyroscope_bias: Vector3::zeros(),
+                accelerometer_bias: Vector3::zeros(),
+            }
+        })
+        .collect()
 }
 
 /// The noise that the log states for its inertial unit.

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use alula_geometry::{Pose, Timestamp};
 use alula_messages::{FlightMode, NavState, SensorBatch};
-use alula_parameters::parameters;
+use alula_parameters::{Parameters, parameters};
 use alula_stack::EstimationConfig;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -40,7 +40,7 @@ pub struct Job {
     pub log: PathBuf,
     /// Name of the estimator; that of the recording, or `pose-imu`, if absent.
     pub estimator: Option<String>,
-    /// A TUM trajectory of the body to judge against, in place of the log's own truth.
+    /// A TUM trajectory in place of the log's own truth: of the body, or of the IMU in a EuRoC folder.
     pub truth: Option<PathBuf>,
     /// How external poses reach the estimator.
     pub poses: PoseFeed,
@@ -120,10 +120,8 @@ pub struct Estimation {
 /// # Errors
 /// When the log cannot be read or lacks what the estimator needs, or a parameter is not allowed.
 pub fn estimate(job: &Job) -> Result<Estimation, RunError> {
-    let mut feed = read(job)?;
-    if let Some(path) = &job.truth {
-        feed.truth = read_truth(path)?;
-    }
+    job.poses.validate().map_err(|error| error.under("poses"))?;
+    let feed = read(job)?;
     let mut run = Run::new(&feed)?;
     for (batch, mode) in &feed.steps {
         run.step(batch, *mode);

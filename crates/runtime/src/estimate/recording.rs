@@ -33,6 +33,9 @@ pub(super) fn read(job: &Job) -> Result<Feed, RunError> {
         notes: Vec::new(),
     };
     collect(recording, &mut feed)?;
+    if let Some(path) = &job.truth {
+        feed.truth = super::read_truth(path)?;
+    }
     if feed.estimation.estimator == "pose-imu" {
         give_poses(job, &mut feed)?;
     }
