@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use alula_messages::PoseSample;
 use alula_record::tum;
 use alula_runtime::RunError;
-use alula_runtime::estimate::{AlignTo, Estimation, EstimationReport, Job, PoseFeed, estimate};
+use alula_runtime::estimate::{
+    AlignTo, Estimation, EstimationReport, Job, PoseFeed, TrueMotion, estimate,
+};
 use clap::ValueEnum;
 
 use super::{Outcome, Verdict, print_json};
@@ -143,13 +145,10 @@ fn write(folder: &Path, estimation: &Estimation) -> Result<Vec<PathBuf>, RunErro
             world_from_body: s.world_from_body,
         })
         .collect();
-    let truth: Vec<PoseSample> = estimation
+    let truth = estimation
         .truth
         .iter()
-        .map(|t| PoseSample {
-            time: t.time,
-            world_from_body: t.world_from_body,
-        })
+        .map(TrueMotion::pose_sample)
         .collect();
     let mut written = Vec::new();
     for (name, poses) in [("estimate.tum", states), ("truth.tum", truth)] {

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use alula_geometry::{Pose, Timestamp};
-use alula_messages::{FlightMode, NavState, SensorBatch};
+use alula_messages::{FlightMode, NavState, PoseSample, SensorBatch};
 use alula_parameters::{Parameters, parameters};
 use alula_stack::EstimationConfig;
 use nalgebra::Vector3;
@@ -63,6 +63,16 @@ pub struct TrueMotion {
     pub world_from_body: Pose,
     /// Velocity, world frame, m/s; not in every log.
     pub velocity_world: Option<Vector3<f64>>,
+}
+
+impl TrueMotion {
+    /// The pose alone.
+    pub fn pose_sample(&self) -> PoseSample {
+        PoseSample {
+            time: self.time,
+            world_from_body: self.world_from_body,
+        }
+    }
 }
 
 /// A log in the shape that an estimator takes.

@@ -76,14 +76,7 @@ fn give_poses(job: &Job, feed: &mut Feed) -> Result<(), RunError> {
             remedy: "Choose another estimator, for example --estimator flow-odometry".into(),
         });
     }
-    let poses: Vec<PoseSample> = feed
-        .truth
-        .iter()
-        .map(|t| PoseSample {
-            time: t.time,
-            world_from_body: t.world_from_body,
-        })
-        .collect();
+    let poses: Vec<PoseSample> = feed.truth.iter().map(TrueMotion::pose_sample).collect();
     let arriving = super::euroc::arriving_poses(&poses, &job.poses, job.seed);
     let batches: Vec<&mut SensorBatch> = feed.steps.iter_mut().map(|(batch, _)| batch).collect();
     super::euroc::deliver_poses(batches, &arriving);
