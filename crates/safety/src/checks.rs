@@ -32,6 +32,7 @@ pub(crate) enum Check {
     HeightGap,
     ClimbGap,
     FlowGap,
+    BlindLanding,
     RangeLost,
     RangeStuck,
     HeightDegraded,
@@ -46,7 +47,7 @@ pub(crate) enum Check {
 }
 
 /// All rules; among equally grave ones the earlier names the cause.
-pub(crate) const ALL: [Check; 23] = [
+pub(crate) const ALL: [Check; 24] = [
     Check::Tumbling,
     Check::ImuLost,
     Check::EstimateStale,
@@ -59,6 +60,7 @@ pub(crate) const ALL: [Check; 23] = [
     Check::HeightGap,
     Check::ClimbGap,
     Check::FlowGap,
+    Check::BlindLanding,
     Check::RangeLost,
     Check::RangeStuck,
     Check::HeightDegraded,
@@ -107,11 +109,43 @@ impl Check {
             | Self::ClimbGap
             | Self::FlowGap => Violation::EstimateInconsistent,
             Self::Command => Violation::CommandInvalid,
-            Self::RangeLost | Self::RangeStuck | Self::HeightDegraded => Violation::RangeLost,
+            Self::BlindLanding | Self::RangeLost | Self::RangeStuck | Self::HeightDegraded => {
+                Violation::RangeLost
+            }
             Self::FlowLost | Self::VelocityDegraded => Violation::FlowLost,
             Self::Outside | Self::FenceAhead => Violation::Geofence,
             Self::RangeLow => Violation::RangeLow,
             Self::Speed => Violation::Speed,
+        }
+    }
+
+    /// Whether a finding puts the estimated motion into question, however short it is.
+    pub(crate) fn doubts_the_estimate(self) -> bool {
+        match self {
+            Self::Tumbling
+            | Self::ImuLost
+            | Self::EstimateStale
+            | Self::EstimateUnusable
+            | Self::EstimateNotFinite
+            | Self::VerticalGap
+            | Self::AttitudeSigma
+            | Self::Sigma
+            | Self::ClimbGap
+            | Self::FlowGap
+            | Self::BlindLanding
+            | Self::VelocityDegraded
+            | Self::RawTilt
+            | Self::Tilt => true,
+            Self::Command
+            | Self::HeightGap
+            | Self::RangeLost
+            | Self::RangeStuck
+            | Self::HeightDegraded
+            | Self::FlowLost
+            | Self::Outside
+            | Self::RangeLow
+            | Self::Speed
+            | Self::FenceAhead => false,
         }
     }
 
@@ -132,6 +166,7 @@ impl Check {
             Self::Sigma => stages(&distrust(estimate.sigma_s)),
             Self::HeightGap => stages(&distrust(estimate.height_gap_s)),
             Self::ClimbGap | Self::FlowGap => stages(&distrust(estimate.velocity_gap_s)),
+            Self::BlindLanding => stages(&[(estimate.blind_landing_s, Descend)]),
             Self::RangeLost | Self::RangeStuck | Self::HeightDegraded => stages(&[(0.0, Land)]),
             Self::FlowLost | Self::VelocityDegraded => stages(&[
                 (0.0, Hold),
@@ -188,6 +223,7 @@ impl Check {
             Self::HeightGap => view.height_gap(),
             Self::ClimbGap => view.climb_gap(),
             Self::FlowGap => view.flow_gap(),
+            Self::BlindLanding => view.blind_landing(),
             Self::HeightDegraded => view.height_degraded(),
             Self::VelocityDegraded => view.velocity_degraded(),
             Self::Tilt => over(view.tilt_deg(), view.config.motion.tilt_deg),
@@ -282,13 +318,14 @@ impl View<'_> {
     }
 
     fn flow_gap(&self) -> Option<(f64, f64)> {
+        over(self.flow_gap_m_s()?, self.config.estimate.flow_gap_m_s)
+    }
+
+    /// How far the estimated velocity is from that by flow, m/s, where the two can be compared.
+    pub(crate) fn flow_gap_m_s(&self) -> Option<f64> {
         let present = self.raw.seconds_since(self.raw.flow) <= PRESENT_S;
         let comparable = present && self.flow_expected_s > 0.0 && self.raw.imu_is_fresh();
-        over(
-            self.raw.flow_gap_m_s.norm(),
-            self.config.estimate.flow_gap_m_s,
-        )
-        .filter(|_| comparable)
+        comparable.then(|| self.raw.flow_gap_m_s.norm())
     }
 
     fn range_lost(&self) -> Option<(f64, f64)> {
@@ -318,6 +355,19 @@ impl View<'_> {
             return None;
         };
         self.over_range(Some(since_height_s), self.config.estimate.degraded_s)
+    }
+
+    /// A landing by an estimate that nothing corrects: neither velocity nor height, and no range.
+    fn blind_landing(&self) -> Option<(f64, f64)> {
+        let EstimateHealth::Degraded {
+            since_velocity_s,
+            since_height_s,
+        } = self.state.health
+        else {
+            return None;
+        };
+        let blind = self.mode == FlightMode::Landing && self.raw.range_height_m().is_none();
+        over(since_velocity_s.min(since_height_s), PRESENT_S).filter(|_| blind)
     }
 
     fn flow_lost(&self) -> Option<(f64, f64)> {

@@ -84,6 +84,9 @@ parameters! {
         /// Time without corrections of velocity that counts as flow lost, and of height that
         /// counts as range lost, s.
         pub degraded_s: f64 = 2.0, within(0.1, 60.0);
+        /// Descend when in a landing neither velocity nor height has been corrected, and no range
+        /// has arrived, for this long, s.
+        pub blind_landing_s: f64 = 0.4, within(0.0, 10.0);
         /// Greatest standard deviation of a horizontal coordinate of the position, m. Odometry
         /// drifts without bound, so this limits the length of a flight as well.
         pub position_sigma_m: f64 = 10.0, within(0.1, 10000.0);
@@ -124,6 +127,11 @@ parameters! {
         pub specific_force_m_s2: f64 = 160.0, within(20.0, 1000.0);
         /// Greatest angular rate that is believed, rad/s: the range of common sensors, 2000 deg/s.
         pub angular_rate_rad_s: f64 = 35.0, within(1.0, 100.0);
+        /// A specific force that differs by more from the sample before has jumped, m/s^2.
+        pub imu_jump_m_s2: f64 = 10.0, within(1.0, 1000.0);
+        /// Greatest share of samples that jump, over a tenth of a second, with which inertial data
+        /// are still believed.
+        pub imu_jump_share: f64 = 0.4, within(0.05, 1.0);
         /// Least quality of a flow sample that counts.
         pub flow_quality: f64 = 0.3, within(0.0, 1.0);
         /// Height below which no flow is expected, m.
@@ -190,6 +198,28 @@ parameters! {
         pub near_ground_s: f64 = 1.5, within(0.1, 10.0);
         /// The motors are cut at the end of this time in any case, s.
         pub limit_s: f64 = 60.0, within(1.0, 600.0);
+        /// How it begins.
+        pub brake: BrakeConfig = BrakeConfig::default(), nested();
+    }
+}
+
+parameters! {
+    /// The brake with which the guard's own descent begins when the velocity was known until then.
+    pub struct BrakeConfig {
+        /// Tilt against the velocity, degrees; zero stays level.
+        pub tilt_deg: f64 = 15.0, within(0.0, 30.0);
+        /// Greatest age of the velocity, s.
+        pub max_age_s: f64 = 0.3, within(0.0, 1.0);
+        /// Time after which the attitude has followed a command, s.
+        pub lag_s: f64 = 0.1, within(0.0, 1.0);
+        /// Least speed that is braked, m/s.
+        pub min_speed_m_s: f64 = 0.3, within(0.05, 5.0);
+        /// Longest time of braking, s.
+        pub max_duration_s: f64 = 1.5, within(0.0, 5.0);
+        /// Greatest standard deviation of a horizontal component of the velocity, m/s.
+        pub sigma_m_s: f64 = 0.4, within(0.01, 2.0);
+        /// Greatest difference between the velocity and flow times range, m/s.
+        pub flow_gap_m_s: f64 = 0.5, within(0.05, 5.0);
     }
 }
 

@@ -1,9 +1,10 @@
-//! The descent that the guard flies itself: level attitude, vertical speed from raw data, motors
+//! The descent that the guard flies itself: a brake, then level attitude, vertical speed from raw data, motors
 //! off when the ground carries the weight.
 
 use alula_geometry::{GRAVITY_M_S2, Timestamp};
-use alula_messages::Command;
+use alula_messages::{Command, NavState};
 
+use crate::brake::Brake;
 use crate::config::{DescentConfig, GuardVehicle};
 use crate::raw::{RawMotion, low_pass_gain};
 
@@ -36,6 +37,7 @@ pub(crate) struct Descent {
     supported_s: f64,
     near_s: f64,
     landed: bool,
+    brake: Brake,
 }
 
 impl Descent {
@@ -52,6 +54,7 @@ impl Descent {
             supported_s: 0.0,
             near_s: 0.0,
             landed: false,
+            brake: Brake::new(&config.brake),
         }
     }
 
@@ -89,6 +92,14 @@ impl Descent {
         self.supported_s = 0.0;
         self.near_s = 0.0;
         self.landed = false;
+        self.brake.reset();
+    }
+
+    /// Notes a state that no rule doubts, before the descent; `flow_gap_m_s` as in [`Brake::note`].
+    pub(crate) fn note_trusted(&mut self, state: &NavState, flow_gap_m_s: Option<f64>) {
+        if self.began.is_none() {
+            self.brake.note(state, flow_gap_m_s);
+        }
     }
 
     /// One step; the command has the interface of `requested`.
@@ -99,29 +110,43 @@ impl Descent {
         raw: &RawMotion,
         requested: &Command,
     ) -> Command {
-        let began = *self.began.get_or_insert(now);
+        let began = *self.began.get_or_insert_with(|| {
+            self.brake.begin(now);
+            now
+        });
         self.look_for_ground(raw, step_s);
         if now.seconds_since(began) >= self.config.limit_s {
             self.landed = true;
         }
-        self.level(raw, requested)
+        self.descend_at(self.brake.attitude(now), raw, requested)
     }
 
     /// A level attitude with a slow descent.
     pub(crate) fn level(&self, raw: &RawMotion, requested: &Command) -> Command {
+        self.descend_at((0.0, 0.0), raw, requested)
+    }
+
+    fn descend_at(
+        &self,
+        (roll_rad, pitch_rad): (f64, f64),
+        raw: &RawMotion,
+        requested: &Command,
+    ) -> Command {
         if matches!(requested, Command::TiltClimb { .. }) {
             return Command::TiltClimb {
-                roll_rad: 0.0,
-                pitch_rad: 0.0,
+                roll_rad,
+                pitch_rad,
                 yaw_rate_rad_s: 0.0,
                 climb_rate_m_s: -self.config.speed_m_s,
             };
         }
+        let upright = roll_rad.cos() * pitch_rad.cos();
+        let thrust_n = self.thrust_for_descent_n(raw) / upright;
         Command::AttitudeThrust {
-            roll_rad: 0.0,
-            pitch_rad: 0.0,
+            roll_rad,
+            pitch_rad,
             yaw_rate_rad_s: 0.0,
-            thrust_n: self.thrust_for_descent_n(raw),
+            thrust_n: thrust_n.min(self.max_thrust_n),
         }
     }
 
@@ -136,7 +161,7 @@ impl Descent {
         } else {
             config.blind_share
         };
-        (self.hover_thrust_n * share).min(self.max_thrust_n)
+        self.hover_thrust_n * share
     }
 
     /// The ground shows when it carries what the thrust does not: specific force along z stays at

@@ -255,12 +255,18 @@ impl Guard {
             range_expected_s: elapsed_s(self.range_expected_since),
         };
         let mut gravest = (Fallback::None, None);
+        let mut doubted = false;
         for ((check, watch), stages) in ALL.iter().zip(&mut self.watches).zip(&self.stages) {
-            watch.update(now, check.find(&view), stages, self.config.release_s);
+            let found = check.find(&view);
+            doubted |= found.is_some() && check.doubts_the_estimate();
+            watch.update(now, found, stages, self.config.release_s);
             self.report.findings.extend(watch.finding());
             if watch.fallback() > gravest.0 {
                 gravest = (watch.fallback(), watch.finding());
             }
+        }
+        if !doubted && self.raw.imu_is_calm() {
+            self.descent.note_trusted(input.state, view.flow_gap_m_s());
         }
         gravest
     }

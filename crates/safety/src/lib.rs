@@ -4,6 +4,7 @@
 //! its own simple record of the motion and has its own limits. The table of its rules is in
 //! `docs/derivations/flight-modes-and-guard.md`.
 
+mod brake;
 mod checks;
 mod config;
 mod descent;
@@ -15,7 +16,7 @@ mod rules;
 mod tests;
 
 pub use config::{
-    CommandLimits, DescentConfig, EstimateLimits, FenceConfig, GuardConfig, GuardVehicle,
-    MotionLimits, SensorLimits,
+    BrakeConfig, CommandLimits, DescentConfig, EstimateLimits, FenceConfig, GuardConfig,
+    GuardVehicle, MotionLimits, SensorLimits,
 };
 pub use guard::{Guard, GuardInput};

@@ -27,6 +27,10 @@ const RANGE_FRESH_S: f64 = 0.3;
 const MIN_COSINE: f64 = 0.5;
 /// Time constant of velocity by flow, s.
 const FLOW_S: f64 = 0.3;
+/// Time constant of the share of inertial samples that jump, s.
+const JUMPS_S: f64 = 0.1;
+/// From this share of jumps on nothing is founded on inertial data any more.
+const DOUBTED_JUMPS: f64 = 0.2;
 /// Time constant of the specific force along the body's z axis, s.
 const LIFT_S: f64 = 0.1;
 
@@ -71,6 +75,11 @@ pub(crate) struct RawMotion {
     now: Timestamp,
     /// Latest usable inertial sample.
     pub(crate) imu: Option<Timestamp>,
+    /// The last inertial numbers: a sensor that repeats them to the last bit is stuck.
+    imu_numbers: Option<(Vector3<f64>, Vector3<f64>)>,
+    imu_arrived: Option<Timestamp>,
+    /// Share of inertial samples that jump, low-passed.
+    jumps: f64,
     /// Angular rate, bias removed, body, rad/s.
     rate_body: Vector3<f64>,
     bias_body: Vector3<f64>,
@@ -101,6 +110,9 @@ impl RawMotion {
             forget_s: descent.forget_s,
             now: Timestamp::ZERO,
             imu: None,
+            imu_numbers: None,
+            imu_arrived: None,
+            jumps: 0.0,
             rate_body: Vector3::zeros(),
             bias_body: Vector3::zeros(),
             up_body: Vector3::z(),
@@ -163,6 +175,11 @@ impl RawMotion {
         self.seconds_since(self.imu) <= self.limits.imu_lost_s
     }
 
+    /// Whether inertial data are fit to found something on.
+    pub(crate) fn imu_is_calm(&self) -> bool {
+        self.imu_is_fresh() && self.jumps <= DOUBTED_JUMPS
+    }
+
     /// Seconds since `time`, infinite if it never was.
     pub(crate) fn seconds_since(&self, time: Option<Timestamp>) -> f64 {
         time.map_or(f64::INFINITY, |time| self.now.seconds_since(time))
@@ -174,12 +191,30 @@ impl RawMotion {
             && sample.angular_rate.norm() <= self.limits.angular_rate_rad_s
     }
 
+    /// Whether the sample is more than a repetition or noise: noise of a working sensor never
+    /// repeats six numbers, and the specific force of a vehicle does not jump most of the time.
+    fn is_alive(&mut self, sample: &ImuSample) -> bool {
+        let numbers = (sample.specific_force, sample.angular_rate);
+        let pause_s = self
+            .imu_arrived
+            .map_or(0.0, |t| sample.time.seconds_since(t));
+        self.imu_arrived = Some(sample.time);
+        let Some(last) = self.imu_numbers.replace(numbers) else {
+            return true;
+        };
+        let jump_m_s2 = (numbers.0 - last.0).norm();
+        let jumped = f64::from(jump_m_s2 > self.limits.imu_jump_m_s2);
+        let gain = low_pass_gain(pause_s.clamp(0.0, MAX_STEP_S), JUMPS_S);
+        self.jumps += gain * (jumped - self.jumps);
+        numbers != last && self.jumps <= self.limits.imu_jump_share
+    }
+
     /// up' = -omega x up, pulled slowly to the direction of the specific force; the vertical speed
     /// integrates the specific force along it, less gravity.
     ///
     /// Returns the time since the sample before, s.
     fn take_imu(&mut self, sample: &ImuSample, vertical_s: f64, quiet_m_s2: f64) -> f64 {
-        if !self.is_usable(sample) {
+        if !self.is_usable(sample) || !self.is_alive(sample) {
             return 0.0;
         }
         let Some(last) = self.imu else {

@@ -33,6 +33,10 @@ pub struct Bench {
     pub roll_rad: f64,
     pub roll_rate_rad_s: f64,
     pub imu_works: bool,
+    /// Whether the inertial sensor repeats its last sample.
+    pub imu_stuck: bool,
+    /// By how much each second sample is off, m/s^2.
+    pub imu_jump_m_s2: f64,
     pub flow_quality: f64,
     pub range: Range,
     /// Turns the honest estimate into another.
@@ -42,6 +46,7 @@ pub struct Bench {
     batch: SensorBatch,
     step: i64,
     last_range_m: f64,
+    last_imu: Option<ImuSample>,
 }
 
 impl Bench {
@@ -69,6 +74,9 @@ impl Bench {
             roll_rad: 0.0,
             roll_rate_rad_s: 0.0,
             imu_works: true,
+            imu_stuck: false,
+            imu_jump_m_s2: 0.0,
+            last_imu: None,
             flow_quality: 0.9,
             range: Range::Works,
             spoil: Box::new(|_| {}),
@@ -199,7 +207,15 @@ impl Bench {
         self.batch.clear();
         self.batch.now = self.now();
         if self.imu_works {
-            let imu = self.imu();
+            let mut imu = self.imu();
+            if let Some(last) = self.last_imu.filter(|_| self.imu_stuck) {
+                imu = ImuSample {
+                    time: imu.time,
+                    ..last
+                };
+            }
+            self.last_imu = Some(imu);
+            imu.specific_force.x += self.imu_jump_m_s2 * (self.step % 2) as f64;
             self.batch.imu.push(imu);
         }
         if self.step % 2 == 0 {

@@ -9,7 +9,7 @@ use nalgebra::{Vector2, Vector3};
 use proptest::prelude::*;
 
 use super::bench::HOVER_N;
-use crate::{Guard, GuardConfig, GuardInput, GuardVehicle};
+use crate::{BrakeConfig, Guard, GuardConfig, GuardInput, GuardVehicle};
 
 /// Numbers of all kinds, from sensible to not numbers.
 fn number() -> impl Strategy<Value = f64> {
@@ -135,7 +135,8 @@ fn guard() -> Guard {
     Guard::new(&GuardConfig::default(), &vehicle).unwrap()
 }
 
-/// The request itself, motors off, or a level descent with less than twice the hovering thrust.
+/// The request itself, motors off, or a descent that tilts no more than a brake does, with less than
+/// twice the hovering thrust.
 fn is_safe(command: &Command, requested: &Command) -> bool {
     let turns_motors = |c: &Command| !matches!(c, Command::Disarm | Command::Idle);
     if turns_motors(command) && !turns_motors(requested) {
@@ -151,7 +152,8 @@ fn is_safe(command: &Command, requested: &Command) -> bool {
             yaw_rate_rad_s,
             thrust_n,
         } => {
-            [roll_rad, pitch_rad, yaw_rate_rad_s] == [0.0; 3]
+            brakes_at_most(roll_rad, pitch_rad)
+                && yaw_rate_rad_s == 0.0
                 && (0.0..2.0 * HOVER_N).contains(&thrust_n)
         }
         Command::TiltClimb {
@@ -159,9 +161,15 @@ fn is_safe(command: &Command, requested: &Command) -> bool {
             pitch_rad,
             yaw_rate_rad_s,
             climb_rate_m_s,
-        } => [roll_rad, pitch_rad, yaw_rate_rad_s] == [0.0; 3] && climb_rate_m_s < 0.0,
+        } => brakes_at_most(roll_rad, pitch_rad) && yaw_rate_rad_s == 0.0 && climb_rate_m_s < 0.0,
         Command::ThrustTorque { .. } => false,
     }
+}
+
+fn brakes_at_most(roll_rad: f64, pitch_rad: f64) -> bool {
+    let up = so3::from_roll_pitch_yaw(roll_rad, pitch_rad, 0.0) * Vector3::z();
+    let limit_deg = BrakeConfig::default().tilt_deg;
+    up.angle(&Vector3::z()).to_degrees() <= limit_deg + 1e-9
 }
 
 /// Tilt, rates and thrust of a command that passes lie within the limits.

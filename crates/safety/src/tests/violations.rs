@@ -352,3 +352,48 @@ fn a_burst_of_inertial_outliers_is_data_lost() {
     bench.acceleration = Vector3::repeat(30.0 * GRAVITY_M_S2);
     bench.expect(Violation::ImuLost, Fallback::Descend, 0.1, 0.11);
 }
+
+#[test]
+fn a_landing_that_sees_nothing_becomes_a_descent() {
+    let mut bench = Bench::hovering();
+    bench.mode = FlightMode::Landing;
+    bench.range = Range::Silent;
+    bench.spoil = Box::new(|state| {
+        state.health = EstimateHealth::Degraded {
+            since_velocity_s: 0.5,
+            since_height_s: 0.5,
+        };
+    });
+    bench.expect(Violation::RangeLost, Fallback::Descend, 0.6, 0.8);
+}
+
+#[test]
+fn inertial_data_that_repeat_to_the_last_bit_are_lost() {
+    let mut bench = Bench::hovering();
+    bench.imu_stuck = true;
+    bench.expect(Violation::ImuLost, Fallback::Descend, 0.1, 0.11);
+}
+
+#[test]
+fn inertial_data_that_jump_most_of_the_time_are_lost() {
+    let mut bench = Bench::hovering();
+    bench.imu_jump_m_s2 = 20.0;
+    bench.expect(Violation::ImuLost, Fallback::Descend, 0.1, 0.2);
+}
+
+#[test]
+fn the_descent_begins_with_a_brake_when_the_velocity_was_known() {
+    let mut bench = Bench::flying();
+    bench.velocity.x = 2.0;
+    bench.run(2.0);
+    bench.imu_works = false;
+    bench.seconds_until(Fallback::Descend, 1.0).unwrap();
+    let pitch_rad = |bench: &Bench| match bench.guard.command() {
+        Command::AttitudeThrust { pitch_rad, .. } => pitch_rad,
+        _ => f64::NAN,
+    };
+    // Forward motion is braked with the nose up.
+    assert!((pitch_rad(&bench) + 15.0_f64.to_radians()).abs() < 1e-9);
+    bench.run(1.0);
+    assert_eq!(pitch_rad(&bench), 0.0);
+}
