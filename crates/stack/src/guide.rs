@@ -167,14 +167,13 @@ impl Guide {
 
     /// Comes to a stop as soon as the limits allow and hovers there.
     fn stop(&mut self, now: Timestamp, state: &NavState) {
-        if self.progress(now) != Progress::Running {
-            if let Some(reference) = self
+        if self.progress(now) != Progress::Running
+            && let Some(reference) = self
                 .reference(now)
                 .filter(|r| r.velocity_world.norm() < 1e-3)
-            {
-                self.plan = Plan::Hover(reference);
-                return;
-            }
+        {
+            self.plan = Plan::Hover(reference);
+            return;
         }
         let moving = self.reference(now).unwrap_or_else(|| standing(state));
         self.plan = self.braking(now, &moving);

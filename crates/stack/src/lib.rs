@@ -13,7 +13,8 @@ use alula_control::modes::{FlightModes, Situation};
 use alula_estimation::Estimator;
 use alula_geometry::{Timestamp, so3};
 use alula_messages::{
-    Command, FlightMode, Intent, NavState, RangeSample, Refusal, SensorBatch, StackOutput,
+    Command, FlightMode, GuardReport, Intent, NavState, RangeSample, Refusal, SensorBatch,
+    StackOutput,
 };
 use alula_parameters::ParameterError;
 use alula_safety::{Guard, GuardInput};
@@ -67,6 +68,14 @@ impl Stack {
     /// # Errors
     /// When a parameter is outside its range.
     pub fn new(config: &StackConfig) -> Result<Self, ParameterError> {
+        let guard =
+            Guard::new(&config.guard, &config.body.for_guard()).map_err(|e| e.under("guard"))?;
+        let mut output = StackOutput::default();
+        // The first findings of a flight must not wait for memory.
+        output
+            .guard
+            .findings
+            .reserve(guard.report().findings.capacity());
         Ok(Self {
             estimator: config
                 .estimation
@@ -76,14 +85,13 @@ impl Stack {
             guide: Guide::new(&config.guide).map_err(|e| e.under("guide"))?,
             controller: GeometricController::new(&config.control, &config.body.for_control())
                 .map_err(|e| e.under("control"))?,
-            guard: Guard::new(&config.guard, &config.body.for_guard())
-                .map_err(|e| e.under("guard"))?,
+            guard,
             ground_range: GroundRange::default(),
             thrust_fraction: 0.0,
             take_off_height_m: 0.0,
             requests: Vec::new(),
             last_time: None,
-            output: StackOutput::default(),
+            output,
         })
     }
 
@@ -239,8 +247,20 @@ impl Stack {
             requested: &self.output.requested,
         });
         self.output.command = self.guard.command();
-        self.output.guard.clone_from(self.guard.report());
+        copy_report(&mut self.output.guard, self.guard.report());
     }
+}
+
+/// Copies a report into the memory of an earlier one.
+fn copy_report(target: &mut GuardReport, report: &GuardReport) {
+    let GuardReport {
+        fallback,
+        cause,
+        findings,
+    } = report;
+    target.fallback = *fallback;
+    target.cause = *cause;
+    target.findings.clone_from(findings);
 }
 
 fn is_airborne(mode: FlightMode) -> bool {

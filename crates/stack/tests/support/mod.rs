@@ -1,0 +1,153 @@
+//! The flight of the built-in scenario, step by step, for tests and benchmarks.
+
+// Each of its users needs a part of it.
+#![allow(dead_code, clippy::unwrap_used)]
+
+use std::sync::Arc;
+
+use alula_messages::{EstimateHealth, FlightMode, Intent, SensorBatch, StackOutput, Vehicle};
+use alula_sim::multirotor::preset;
+use alula_sim::sensors::SensorSuiteConfig;
+use alula_sim::world::World;
+use alula_sim::{SimulatedVehicle, VehicleSetup};
+use alula_stack::{Stack, StackConfig};
+use nalgebra::Vector3;
+use serde::de::DeserializeOwned;
+
+/// Steps per second.
+pub const RATE_HZ: usize = 250;
+
+/// No flight of the scenario takes longer, steps.
+const MAX_STEPS: usize = 120 * RATE_HZ;
+
+/// Pause in the hover before and after the waypoints, steps.
+const PAUSE_STEPS: usize = RATE_HZ;
+
+/// What a stack got and what it made of it.
+#[derive(Clone, Debug)]
+pub struct Step {
+    /// The request made before the step.
+    pub intent: Option<Intent>,
+    /// What the sensors said.
+    pub batch: SensorBatch,
+    /// The outcome.
+    pub output: StackOutput,
+}
+
+/// The configuration of the scenario's stack.
+pub fn stack_config() -> StackConfig {
+    part(&["stack"])
+}
+
+/// A flight of the scenario without depth camera, from the ground to the ground.
+pub fn flight() -> Vec<Step> {
+    let mut stack = Stack::new(&stack_config()).unwrap();
+    let mut vehicle = vehicle();
+    let mut pilot = Pilot::default();
+    let mut batch = SensorBatch::default();
+    let mut steps = Vec::new();
+    while !pilot.has_landed && steps.len() < MAX_STEPS {
+        let intent = pilot.next(stack.output());
+        vehicle.sense(&mut batch).unwrap();
+        if let Some(intent) = &intent {
+            stack.request(intent.clone());
+        }
+        let output = stack.update(&batch).clone();
+        vehicle.command(&output.command).unwrap();
+        steps.push(Step {
+            intent,
+            batch: batch.clone(),
+            output,
+        });
+    }
+    assert!(pilot.has_landed, "the flight did not end");
+    steps
+}
+
+/// The same stack, fed with the same data up to step `end`.
+pub fn replayed(steps: &[Step], end: usize) -> Stack {
+    let mut stack = Stack::new(&stack_config()).unwrap();
+    for step in &steps[..end] {
+        replay(&mut stack, step);
+    }
+    stack
+}
+
+/// Makes a recorded step once more.
+pub fn replay(stack: &mut Stack, step: &Step) {
+    if let Some(intent) = &step.intent {
+        stack.request(intent.clone());
+    }
+    stack.update(&step.batch);
+}
+
+/// The first step after which the vehicle follows its waypoints.
+pub fn first_step_of_waypoints(steps: &[Step]) -> usize {
+    let flying = |step: &Step| step.output.mode == FlightMode::Flying;
+    steps.iter().position(flying).unwrap() + 1
+}
+
+/// Makes the requests of the scenario's mission.
+#[derive(Default)]
+struct Pilot {
+    hovered_steps: usize,
+    has_flown: bool,
+    has_landed: bool,
+}
+
+impl Pilot {
+    fn next(&mut self, output: &StackOutput) -> Option<Intent> {
+        match output.mode {
+            FlightMode::Disarmed if self.has_flown => {
+                self.has_landed = true;
+                None
+            }
+            FlightMode::Disarmed => {
+                (output.state.health == EstimateHealth::Good).then_some(Intent::Arm)
+            }
+            FlightMode::Armed => Some(Intent::TakeOff {
+                height_m: part(&["mission", "take_off_height_m"]),
+            }),
+            FlightMode::Hovering => self.leave_the_hover(),
+            _ => None,
+        }
+    }
+
+    fn leave_the_hover(&mut self) -> Option<Intent> {
+        self.hovered_steps += 1;
+        if self.hovered_steps < PAUSE_STEPS {
+            return None;
+        }
+        self.hovered_steps = 0;
+        if std::mem::replace(&mut self.has_flown, true) {
+            return Some(Intent::Land);
+        }
+        let waypoints: Vec<[f64; 3]> = part(&["mission", "waypoints_m"]);
+        Some(Intent::Fly {
+            waypoints_world: waypoints.into_iter().map(Vector3::from).collect(),
+        })
+    }
+}
+
+fn vehicle() -> SimulatedVehicle {
+    let name: String = part(&["simulation", "preset"]);
+    let setup = VehicleSetup {
+        sensors: SensorSuiteConfig {
+            depth: None,
+            ..part(&["simulation", "sensors"])
+        },
+        wind: part(&["simulation", "wind"]),
+        ..VehicleSetup::new(preset(&name).unwrap())
+    };
+    let assets = |name: &str| Err(format!("there is no `{name}`"));
+    let world = World::new(&part(&["world"]), 1, &assets).unwrap();
+    SimulatedVehicle::new(Arc::new(world), &setup, 1).unwrap()
+}
+
+/// A part of the scenario.
+fn part<T: DeserializeOwned>(keys: &[&str]) -> T {
+    const SCENARIO: &str = include_str!("../../../../scenarios/first-flight.toml");
+    let root: toml::Value = toml::from_str(SCENARIO).unwrap();
+    let value = keys.iter().fold(&root, |value, key| &value[*key]);
+    value.clone().try_into().unwrap()
+}
