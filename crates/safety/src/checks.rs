@@ -86,6 +86,9 @@ pub(crate) struct View<'a> {
     pub(crate) now: Timestamp,
     pub(crate) mode: FlightMode,
     pub(crate) state: &'a NavState,
+    /// Whether every number of the state and its covariance is finite; 225 of them are looked at
+    /// once in a step.
+    pub(crate) state_is_finite: bool,
     pub(crate) requested: &'a Command,
     pub(crate) raw: &'a RawMotion,
     /// World height of the place of take-off, m.
@@ -205,7 +208,7 @@ impl Check {
             ),
             Self::EstimateStale => view.stale(),
             Self::EstimateUnusable => (!view.health_is_usable()).then_some((1.0, 0.0)),
-            Self::EstimateNotFinite => (!is_finite(view.state)).then_some((1.0, 0.0)),
+            Self::EstimateNotFinite => (!view.state_is_finite).then_some((1.0, 0.0)),
             Self::Command => command_excess(view.requested, &view.config.command, view.vehicle),
             Self::RangeLost => view.range_lost(),
             Self::RangeStuck => view.range_stuck(),
@@ -243,7 +246,8 @@ fn over(found: f64, limit: f64) -> Option<(f64, f64)> {
     (!within).then_some((found, limit))
 }
 
-fn is_finite(state: &NavState) -> bool {
+/// Whether every number of the state and its covariance is finite.
+pub(crate) fn is_finite(state: &NavState) -> bool {
     state.is_finite() && state.covariance.iter().all(|x| x.is_finite())
 }
 
@@ -256,7 +260,7 @@ impl View<'_> {
     }
 
     fn estimate_is_usable(&self) -> bool {
-        self.health_is_usable() && is_finite(self.state)
+        self.health_is_usable() && self.state_is_finite
     }
 
     fn tilt_deg(&self) -> f64 {

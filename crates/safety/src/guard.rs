@@ -8,7 +8,9 @@ use alula_messages::{
 use alula_parameters::{ParameterError, Parameters};
 use nalgebra::Vector3;
 
-use crate::checks::{ALL, View, all_stages, command_excess, flow_is_expected, range_is_expected};
+use crate::checks::{
+    ALL, View, all_stages, command_excess, flow_is_expected, is_finite, range_is_expected,
+};
 use crate::config::{GuardConfig, GuardVehicle};
 use crate::descent::Descent;
 use crate::raw::RawMotion;
@@ -248,6 +250,7 @@ impl Guard {
             now,
             mode: input.mode,
             state: input.state,
+            state_is_finite: is_finite(input.state),
             requested: input.requested,
             raw: &self.raw,
             ground_z_m: self.ground_z_m,
