@@ -40,8 +40,8 @@ enum Plan {
         trajectory: Trajectory,
         start: Timestamp,
     },
-    /// Descending vertically below a point.
-    Descend { from: Reference, start: Timestamp },
+    /// Descending while another plan brings the horizontal motion to rest.
+    Descend { across: Box<Plan>, start: Timestamp },
 }
 
 /// Produces the reference that belongs to the mode of flight.
@@ -120,15 +120,7 @@ impl Guide {
 
     /// The reference at a time; `None` while the vehicle rests.
     pub fn reference(&self, now: Timestamp) -> Option<Reference> {
-        match &self.plan {
-            Plan::Rest => None,
-            Plan::Hover(reference) => Some(*reference),
-            Plan::Track { trajectory, start } => Some(trajectory.sample(now.seconds_since(*start))),
-            Plan::Descend { from, start } => {
-                let speed = self.config.landing_speed_m_s;
-                Some(descending(from, speed, now.seconds_since(*start)))
-            }
-        }
+        self.plan.reference(now, self.config.landing_speed_m_s)
     }
 
     /// How far the reference is along its trajectory.
@@ -200,13 +192,44 @@ impl Guide {
         }
     }
 
-    /// Straight down from where the reference is.
+    /// Down from where the reference is; a horizontal motion is braked on the way.
     fn descend(&mut self, now: Timestamp, state: &NavState) {
-        let from = self.reference(now).unwrap_or_else(|| standing(state));
+        let moving = self.reference(now).unwrap_or_else(|| standing(state));
+        let across = self.braking(now, &level(&moving));
         self.plan = Plan::Descend {
-            from: Reference::hover(from.position_world, from.yaw_rad),
+            across: Box::new(across),
             start: now,
         };
+    }
+}
+
+impl Plan {
+    fn reference(&self, now: Timestamp, landing_speed_m_s: f64) -> Option<Reference> {
+        match self {
+            Self::Rest => None,
+            Self::Hover(reference) => Some(*reference),
+            Self::Track { trajectory, start } => Some(trajectory.sample(now.seconds_since(*start))),
+            Self::Descend { across, start } => {
+                let level = across.reference(now, landing_speed_m_s)?;
+                Some(descending(
+                    &level,
+                    landing_speed_m_s,
+                    now.seconds_since(*start),
+                ))
+            }
+        }
+    }
+}
+
+/// The same motion without its vertical part.
+fn level(reference: &Reference) -> Reference {
+    let flat = |v: Vector3<f64>| Vector3::new(v.x, v.y, 0.0);
+    Reference {
+        velocity_world: flat(reference.velocity_world),
+        acceleration_world: flat(reference.acceleration_world),
+        jerk_world: flat(reference.jerk_world),
+        snap_world: flat(reference.snap_world),
+        ..*reference
     }
 }
 
@@ -218,16 +241,98 @@ fn standing(state: &NavState) -> Reference {
     )
 }
 
-/// A descent from `from` that gathers speed with a first-order lag.
+/// A level motion with a descent that gathers speed with a first-order lag.
 ///
 /// v(t) = -s (1 - e^(-t/T)), z(t) = z_0 - s (t - T (1 - e^(-t/T))).
-fn descending(from: &Reference, speed_m_s: f64, t_s: f64) -> Reference {
+fn descending(level: &Reference, speed_m_s: f64, t_s: f64) -> Reference {
     let decay = (-t_s / DESCENT_RAMP_S).exp();
     let travelled = speed_m_s * (t_s - DESCENT_RAMP_S * (1.0 - decay));
+    let up = Vector3::z();
     Reference {
-        position_world: from.position_world - Vector3::z() * travelled,
-        velocity_world: Vector3::z() * (-speed_m_s * (1.0 - decay)),
-        acceleration_world: Vector3::z() * (-speed_m_s * decay / DESCENT_RAMP_S),
-        ..*from
+        position_world: level.position_world - up * travelled,
+        velocity_world: level.velocity_world - up * (speed_m_s * (1.0 - decay)),
+        acceleration_world: level.acceleration_world - up * (speed_m_s * decay / DESCENT_RAMP_S),
+        ..*level
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn guide() -> Guide {
+        Guide::new(&GuideConfig::default()).unwrap()
+    }
+
+    fn state_at(position: Vector3<f64>) -> NavState {
+        let mut state = NavState::default();
+        state.world_from_body.translation.vector = position;
+        state
+    }
+
+    /// A guide that flies along x, at the time when its reference is fastest.
+    fn flying() -> (Guide, Timestamp, NavState) {
+        let mut guide = guide();
+        let state = state_at(Vector3::new(0.0, 0.0, 1.5));
+        guide.enter(FlightMode::Hovering, Timestamp::ZERO, &state, 0.0);
+        let far = Vector3::new(10.0, 0.0, 1.5);
+        let trajectory = guide.plan_through(Timestamp::ZERO, &state, &[far]).unwrap();
+        let middle = Timestamp::from_s(0.5 * trajectory.duration_s());
+        guide.follow(trajectory, Timestamp::ZERO);
+        guide.enter(FlightMode::Flying, Timestamp::ZERO, &state, 0.0);
+        (guide, middle, state)
+    }
+
+    /// Greatest acceleration of the reference from `start` on, and its last value.
+    fn course(guide: &Guide, start: Timestamp) -> (f64, Reference) {
+        let at = |i: i32| guide.reference(Timestamp::from_s(start.as_s() + 0.01 * f64::from(i)));
+        let course: Vec<Reference> = (0..1000).filter_map(at).collect();
+        let peak = course
+            .iter()
+            .map(|r| r.acceleration_world.norm())
+            .fold(0.0, f64::max);
+        (peak, *course.last().unwrap())
+    }
+
+    #[test]
+    fn a_resting_vehicle_has_no_reference() {
+        assert_eq!(guide().reference(Timestamp::ZERO), None);
+    }
+
+    #[test]
+    fn a_hold_in_motion_brakes_within_the_limits_and_stands() {
+        let (mut guide, middle, state) = flying();
+        guide.enter(FlightMode::Hovering, middle, &state, 0.0);
+        let (peak, last) = course(&guide, middle);
+        assert!(
+            peak <= 1.05 * guide.config.limits.max_acceleration_m_s2,
+            "{peak}"
+        );
+        assert!(last.velocity_world.norm() < 1e-9);
+    }
+
+    #[test]
+    fn a_landing_in_motion_brakes_on_the_way_down() {
+        let (mut guide, middle, state) = flying();
+        let before = guide.reference(middle).unwrap();
+        guide.enter(FlightMode::Landing, middle, &state, 0.0);
+        let after = guide.reference(middle).unwrap();
+        assert!((after.velocity_world - before.velocity_world).norm() < 0.05);
+        let (peak, last) = course(&guide, middle);
+        assert!(
+            peak <= 1.5 * guide.config.limits.max_acceleration_m_s2,
+            "{peak}"
+        );
+        let down = Vector3::new(0.0, 0.0, -guide.config.landing_speed_m_s);
+        assert!((last.velocity_world - down).norm() < 1e-6);
+    }
+
+    #[test]
+    fn a_take_off_climbs_straight_to_its_height() {
+        let mut guide = guide();
+        let state = state_at(Vector3::new(1.0, 2.0, 0.2));
+        guide.enter(FlightMode::TakingOff, Timestamp::ZERO, &state, 1.3);
+        let (_, last) = course(&guide, Timestamp::ZERO);
+        assert!((last.position_world - Vector3::new(1.0, 2.0, 1.5)).norm() < 1e-9);
     }
 }
