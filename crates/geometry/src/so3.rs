@@ -1,7 +1,7 @@
 //! Rotations as unit quaternions with the exponential map, its inverse and its Jacobians.
 //!
 //! A rotation vector `phi` (rad) is axis times angle. All maps agree with
-//! R = exp([phi]x) and with the Hamilton convention q = [cos(t/2), sin(t/2) axis], t = |phi|
+//! `R = exp([phi]x)` and with the Hamilton convention q = [cos(t/2), sin(t/2) axis], t = |phi|
 //! (document S, equations 2.7 and 2.8).
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
@@ -55,7 +55,7 @@ pub fn log(q: &UnitQuaternion<f64>) -> Vector3<f64> {
 
 /// Left Jacobian of SO(3): `exp(phi + d) = exp(J_l(phi) d) exp(phi)` to first order in `d`.
 ///
-/// J_l = I + (1 - cos t)/t^2 [phi]x + (t - sin t)/t^3 [phi]x^2, t = |phi|.
+/// `J_l = I + (1 - cos t)/t^2 [phi]x + (t - sin t)/t^3 [phi]x^2`, `t = |phi|`.
 pub fn left_jacobian(phi: &Vector3<f64>) -> Matrix3<f64> {
     let t2 = phi.norm_squared();
     let t = t2.sqrt();
@@ -75,7 +75,7 @@ pub fn right_jacobian(phi: &Vector3<f64>) -> Matrix3<f64> {
 
 /// Inverse of [`left_jacobian`] for rotation vectors shorter than 2 pi.
 ///
-/// J_l^-1 = I - 1/2 [phi]x + (1/t^2 - (1 + cos t)/(2 t sin t)) [phi]x^2.
+/// `J_l^-1 = I - 1/2 [phi]x + (1/t^2 - (1 + cos t)/(2 t sin t)) [phi]x^2`.
 pub fn left_jacobian_inverse(phi: &Vector3<f64>) -> Matrix3<f64> {
     let t2 = phi.norm_squared();
     let t = t2.sqrt();

@@ -2,7 +2,7 @@
 //! ground with its motors off.
 
 // Helpers of tests may fail like tests do.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::panic)]
 
 use alula_messages::{Command, Fallback, Violation};
 use alula_runtime::Scenario;
