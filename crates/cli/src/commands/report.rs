@@ -192,7 +192,7 @@ fn table(rows: &[FlightRow]) -> Table {
             "outcome",
             "duration (s)",
             "path (m)",
-            "landed off (m)",
+            "landing distance (m)",
             "position (m)",
             "velocity (m/s)",
             "clearance (m)",
