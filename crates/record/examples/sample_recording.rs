@@ -47,7 +47,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         if let Some(truth) = &truth {
             recorder.write_truth(truth)?;
         }
-        recorder.write_people(batch.now, &[person(batch.now)])?;
+        recorder.write_people(batch.now, [person(batch.now)])?;
     }
     recorder.finish()?;
     report(&path, took)

@@ -215,11 +215,16 @@ impl<W: Write + Seek> Recorder<W> {
         self.view.set_scene(shapes);
     }
 
-    /// Draws people where they are at `time`, ten times a second at most, for viewers.
+    /// Draws people where they are at `time`, ten times a second at most, for viewers. In between
+    /// nobody asks `people`.
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn write_people(&mut self, time: Timestamp, people: &[Person]) -> Result<(), RecordError> {
+    pub fn write_people(
+        &mut self,
+        time: Timestamp,
+        people: impl IntoIterator<Item = Person>,
+    ) -> Result<(), RecordError> {
         self.view.write_people(&mut self.sink, time, people)
     }
 

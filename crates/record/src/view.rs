@@ -196,14 +196,14 @@ impl View {
         &mut self,
         sink: &mut Sink<W>,
         time: Timestamp,
-        people: &[Person],
+        people: impl IntoIterator<Item = Person>,
     ) -> Result<(), RecordError> {
         if !self.people.due(time) {
             return Ok(());
         }
         let message = fox::SceneUpdate {
             deletions: Vec::new(),
-            entities: people.iter().map(|p| person(time, p)).collect(),
+            entities: people.into_iter().map(|p| person(time, &p)).collect(),
         };
         sink.write(Topic::People, time, time, &message)
     }

@@ -161,7 +161,7 @@ fn viewing_messages_are_not_events_but_are_counted() {
         flight.next(&mut batch, &mut output, &mut truth);
         recorder.write_batch(&batch).unwrap();
         recorder.write_output(&output).unwrap();
-        recorder.write_people(batch.now, &[person]).unwrap();
+        recorder.write_people(batch.now, [person]).unwrap();
         recorder
             .write_mount(batch.now, "imu", &Pose::identity())
             .unwrap();

@@ -361,7 +361,7 @@ impl Tape {
         self.recorder.write_output(output)?;
         self.recorder.write_truth(truth)?;
         self.recorder
-            .write_people(batch.now, &scene::people(world, batch.now))?;
+            .write_people(batch.now, scene::people(world, batch.now))?;
         for event in &log.events[self.events_written..] {
             self.recorder
                 .write_log(batch.now, LogLevel::Info, &event.describe())?;

@@ -3,7 +3,6 @@
 use alula_geometry::{Pose, Timestamp};
 use alula_record::{Person, SceneShape};
 use alula_sim::world::{Shape, World};
-use nalgebra::{Translation3, UnitQuaternion};
 
 /// Endless cylinders are drawn this far up and down, m.
 const DRAWN_HEIGHT_M: f64 = 5.0;
@@ -18,18 +17,12 @@ pub fn static_shapes(world: &World) -> Vec<SceneShape> {
 }
 
 /// The people in the world at a time.
-pub fn people(world: &World, time: Timestamp) -> Vec<Person> {
-    world
-        .people_at(time)
-        .map(|person| Person {
-            id: person.id,
-            world_from_person: Pose::from_parts(
-                Translation3::from(person.centre_world.coords),
-                UnitQuaternion::from_euler_angles(0.0, 0.0, person.yaw_rad),
-            ),
-            semi_axes_m: person.semi_axes_m,
-        })
-        .collect()
+pub fn people(world: &World, time: Timestamp) -> impl Iterator<Item = Person> + '_ {
+    world.people_at(time).map(|person| Person {
+        id: person.id,
+        world_from_person: person.world_from_person(),
+        semi_axes_m: person.semi_axes_m,
+    })
 }
 
 fn scene_shape(shape: &Shape) -> SceneShape {

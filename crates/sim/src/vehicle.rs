@@ -141,8 +141,8 @@ pub struct SimulatedVehicle {
     obeyed: Command,
     /// Commands that have not taken effect, with the time at which they will.
     pending: VecDeque<(Timestamp, Command)>,
-    /// Clearance when it was last computed, m.
-    last_clearance_m: f64,
+    /// What is nearest, as of the last look.
+    clearance: Option<Clearance>,
     collision: Option<Collision>,
 }
 
@@ -159,8 +159,10 @@ impl SimulatedVehicle {
         let standing_m = world.ground_height_m() + airframe.standing_height_m();
         let multirotor = Multirotor::new(airframe, setup.start.pose(standing_m))
             .map_err(|e| e.under("model.airframe"))?;
+        let truth = multirotor.truth(Timestamp::ZERO);
         Ok(Self {
-            truth: multirotor.truth(Timestamp::ZERO),
+            clearance: clearance(&world, &truth, multirotor.config().radius_m),
+            truth,
             multirotor,
             autopilot,
             own_sense: OwnSense::new(&setup.autopilot_sensing, seed),
@@ -172,7 +174,6 @@ impl SimulatedVehicle {
             max_touchdown_m_s: setup.link.max_touchdown_m_s,
             obeyed: Command::Disarm,
             pending: VecDeque::new(),
-            last_clearance_m: 0.0,
             collision: None,
             world,
         })
@@ -194,12 +195,9 @@ impl SimulatedVehicle {
     }
 
     /// True distance (m) from the vehicle's surface to the nearest thing other than the ground,
-    /// negative inside; `None` if there is nothing.
+    /// negative inside, at the end of the last control period; `None` if there is nothing.
     pub fn clearance(&self) -> Option<Clearance> {
-        let centre_world = Point3::from(self.truth.position_world());
-        let mut clearance = self.world.clearance(&centre_world, self.truth.time)?;
-        clearance.distance_m -= self.multirotor.config().radius_m;
-        Some(clearance)
+        self.clearance
     }
 
     /// The first collision, if there was one; it stays.
@@ -225,7 +223,10 @@ impl SimulatedVehicle {
         let motors = self.motors();
         self.sensors
             .advance(&self.world, &before, &self.truth, &motors);
-        if self.last_clearance_m < WATCHFUL_CLEARANCE_M {
+        if self
+            .clearance
+            .is_some_and(|c| c.distance_m < WATCHFUL_CLEARANCE_M)
+        {
             self.watch_obstacles();
         }
         self.watch_ground(&before);
@@ -247,14 +248,10 @@ impl SimulatedVehicle {
     }
 
     fn watch_obstacles(&mut self) {
-        let Some(clearance) = self.clearance() else {
-            self.last_clearance_m = f64::INFINITY;
-            return;
-        };
-        self.last_clearance_m = clearance.distance_m;
-        if clearance.distance_m < 0.0 {
+        self.clearance = clearance(&self.world, &self.truth, self.multirotor.config().radius_m);
+        if let Some(touched) = self.clearance.filter(|c| c.distance_m < 0.0) {
             let time = self.truth.time;
-            let what = self.world.describe(clearance.what).to_owned();
+            let what = self.world.describe(touched.what).to_owned();
             self.collide(Collision::Contact { time, what });
         }
     }
@@ -279,6 +276,13 @@ impl SimulatedVehicle {
     fn collide(&mut self, collision: Collision) {
         self.collision.get_or_insert(collision);
     }
+}
+
+/// Distance from the surface of a ball of this radius round the vehicle to the nearest thing.
+fn clearance(world: &World, truth: &Truth, radius_m: f64) -> Option<Clearance> {
+    let mut clearance = world.clearance(&Point3::from(truth.position_world()), truth.time)?;
+    clearance.distance_m -= radius_m;
+    Some(clearance)
 }
 
 impl Vehicle for SimulatedVehicle {
