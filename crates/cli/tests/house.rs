@@ -11,7 +11,10 @@ use std::path::{Path, PathBuf};
 const LAYERS: [(u32, &[&str]); 6] = [
     (0, &["geometry", "parameters", "optim"]),
     (1, &["messages"]),
-    (2, &["estimation", "planning", "control", "safety"]),
+    (
+        2,
+        &["estimation", "perception", "planning", "control", "safety"],
+    ),
     (3, &["stack", "sim", "record"]),
     (4, &["runtime"]),
     (5, &["cli"]),

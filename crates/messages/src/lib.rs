@@ -7,7 +7,9 @@ mod command;
 mod health;
 mod intent;
 mod mount;
+mod obstacle;
 mod output;
+mod plan;
 mod reference;
 mod sensors;
 mod state;
@@ -17,7 +19,13 @@ pub use command::Command;
 pub use health::{Fallback, Finding, Fusion, GuardReport, Rejection, Sensor, Violation};
 pub use intent::{FlightMode, Intent, Refusal};
 pub use mount::{Looking, Mount};
+pub use obstacle::{
+    Cut, Detection, Footprint, Obstacle, ObstacleCovariance, ObstacleMotion, PixelBox, Sight,
+};
 pub use output::StackOutput;
+pub use plan::{
+    Hindrance, NO_OBSTACLE, PLAN_INTERVALS, PLAN_OBSTACLES, PLAN_POINTS, Plan, PlanExit, PlanPoint,
+};
 pub use reference::Reference;
 pub use sensors::{
     AutopilotStatus, DepthImage, FlowSample, ImuSample, PoseSample, RangeSample, SensorBatch,

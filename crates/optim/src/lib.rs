@@ -11,6 +11,7 @@ mod active_set;
 mod banded;
 mod equality;
 mod factor;
+pub mod ocp;
 mod problem;
 
 pub use active_set::{ActiveSetSettings, ActiveSetSolver, Report};

@@ -325,6 +325,7 @@ pub fn output(n: &mut Numbers, time: Timestamp) -> StackOutput {
         } else {
             command(n)
         },
+        ..StackOutput::default()
     }
 }
 

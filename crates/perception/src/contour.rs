@@ -1,0 +1,39 @@
+//! How far the view is free in every direction of one depth image.
+
+use alula_geometry::Timestamp;
+use nalgebra::Vector3;
+
+/// What ends the free view in one direction.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum RayEnd {
+    /// The image says nothing in this direction.
+    #[default]
+    Unknown,
+    /// Nothing was met up to the range: seen ground or distant things lie behind it.
+    Free,
+    /// Something stands there.
+    Hit,
+}
+
+/// The view in one horizontal direction, at the heights at which the vehicle may fly.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Ray {
+    /// Heading in the world, counter-clockwise from east, rad.
+    pub heading_rad: f64,
+    /// Horizontal distance from the camera up to which the view is free, m.
+    pub range_m: f64,
+    /// What ends it.
+    pub end: RayEnd,
+}
+
+/// The free view of one image: rays from left to right (falling heading), of equal width in the
+/// image.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Contour {
+    /// Time of exposure.
+    pub time: Timestamp,
+    /// Position of the camera, world, m.
+    pub camera_world: Vector3<f64>,
+    /// The rays.
+    pub rays: Vec<Ray>,
+}
