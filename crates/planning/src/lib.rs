@@ -10,6 +10,7 @@ mod extrema;
 mod hermite;
 mod minimum_snap;
 mod problem;
+pub mod route;
 mod timing;
 mod trajectory;
 mod yaw;
