@@ -2,5 +2,13 @@
 //! velocities, and how far the view is free.
 
 mod contour;
+pub mod detect;
+mod seen;
+mod track;
 
 pub use contour::{Contour, Ray, RayEnd};
+pub use detect::{DepthNoise, Detector, DetectorConfig, UDepth, View};
+pub use seen::{SeenSpace, SeenSpaceConfig};
+pub use track::{
+    FlatConfig, MotionTestConfig, TrackLifeConfig, TrackModelConfig, Tracker, TrackerConfig,
+};

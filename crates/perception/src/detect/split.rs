@@ -1,0 +1,83 @@
+//! Split and merge: long contours into straight pieces.
+
+use std::ops::Range;
+
+use super::DetectorConfig;
+use super::chains::Point;
+use super::fit::Line;
+
+/// Standard deviations of noise that a point may lie off its line.
+const NOISE_SIGMAS: f64 = 2.5;
+
+/// Cuts contours where they bend.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Splitter {
+    open: Vec<Range<usize>>,
+    /// Straight parts of the last contour, from left to right.
+    pub parts: Vec<Range<usize>>,
+}
+
+impl Splitter {
+    /// Finds the straight parts of the points of a chain.
+    pub fn split(&mut self, points: &[Point], config: &DetectorConfig) {
+        self.parts.clear();
+        self.open.clear();
+        self.open.push(0..points.len());
+        while let Some(range) = self.open.pop() {
+            match bend(points, &range, config) {
+                // The last pushed is done first: parts come from left to right.
+                Some(at) => {
+                    self.open.push(at..range.end);
+                    self.open.push(range.start..at);
+                }
+                None => self.parts.push(range),
+            }
+        }
+        self.merge(points, config);
+    }
+
+    /// Joins neighbours that are straight together.
+    fn merge(&mut self, points: &[Point], config: &DetectorConfig) {
+        let mut kept = 0;
+        for part in 1..self.parts.len() {
+            let joint = self.parts[kept].start..self.parts[part].end;
+            if is_straight(&points[joint.clone()], config) {
+                self.parts[kept] = joint;
+            } else {
+                kept += 1;
+                self.parts[kept] = self.parts[part].clone();
+            }
+        }
+        self.parts.truncate(kept + 1);
+    }
+}
+
+fn tolerance_m(point: &Point, config: &DetectorConfig) -> f64 {
+    config.bend_m + NOISE_SIGMAS * point.surface.variance_m2.sqrt()
+}
+
+fn is_straight(points: &[Point], config: &DetectorConfig) -> bool {
+    Line::fit(points, config.roughness_m).is_none_or(|line| {
+        let mut points = points.iter();
+        points.all(|point| line.behind(point).abs() <= tolerance_m(point, config))
+    })
+}
+
+/// Where a contour is cut: at the point farthest from the chord of its ends, unless it is straight.
+fn bend(points: &[Point], range: &Range<usize>, config: &DetectorConfig) -> Option<usize> {
+    if range.len() < 4 || is_straight(&points[range.clone()], config) {
+        return None;
+    }
+    let from = points[range.start].at;
+    let chord = points[range.end - 1].at - from;
+    let length = chord.norm();
+    let off = |place: usize| {
+        let d = points[place].at - from;
+        (chord.perp(&d) / length).abs() / tolerance_m(&points[place], config)
+    };
+    (range.start + 1..range.end - 1)
+        .map(|place| (off(place), place))
+        .filter(|(off, _)| off.is_finite())
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, place)| place)
+}

@@ -1,0 +1,209 @@
+//! What an image tells about a box: the places of its sides, those that it shows.
+
+use alula_messages::{Cut, Detection, Footprint};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+
+/// Number of sides of a box.
+pub(super) const FACES: usize = 6;
+
+/// Places of the sides of a detected box along its own axes, in the order x low, x high, y low,
+/// y high, z low, z high.
+///
+/// A side at `e_i . c -+ s_i / 2` is what is seen of centre `c` and length `s_i`; a box that the
+/// image cuts off has sides that it does not show, and centre and length are then not measured.
+#[derive(Clone, Debug)]
+pub(super) struct Faces {
+    /// Heading of the box's x axis, rad.
+    pub yaw_rad: f64,
+    /// The box's axes, world.
+    pub axes: [Vector3<f64>; 3],
+    /// Places of the sides, m.
+    pub places: SVector<f64, FACES>,
+    /// Their covariance, m^2.
+    pub covariance: SMatrix<f64, FACES, FACES>,
+    /// Which of them the image shows. One that it does not show is at least as far out.
+    pub shown: [bool; FACES],
+}
+
+/// -1 for the lower side of an axis, +1 for the upper one.
+pub(super) fn side_sign(face: usize) -> f64 {
+    if face.is_multiple_of(2) { -1.0 } else { 1.0 }
+}
+
+impl Faces {
+    /// Sides of a detection seen from `camera_world`, with the sides that the image cuts off or
+    /// that something nearer hides.
+    pub fn new(
+        detection: &Detection,
+        camera_world: &Vector3<f64>,
+        hidden: Cut,
+        shape_noise_m: f64,
+    ) -> Self {
+        let axes = box_axes(detection.yaw_rad);
+        let mut places = SVector::zeros();
+        for face in 0..FACES {
+            let axis = face / 2;
+            places[face] = axes[axis].dot(&detection.centre_world)
+                + side_sign(face) * 0.5 * detection.size_m[axis];
+        }
+        let shown = shown_faces(detection, &axes, camera_world, hidden);
+        Self {
+            yaw_rad: detection.yaw_rad,
+            axes,
+            places,
+            covariance: face_covariance(detection, &axes, &shown, shape_noise_m),
+            shown,
+        }
+    }
+
+    /// Length along an axis, m.
+    pub fn length_m(&self, axis: usize) -> f64 {
+        self.places[2 * axis + 1] - self.places[2 * axis]
+    }
+
+    /// Trace of the horizontal covariance of the middle between the sides, m^2.
+    pub fn centre_variance_m2(&self) -> f64 {
+        let p = &self.covariance;
+        let of_axis = |low: usize| p[(low, low)] + p[(low + 1, low + 1)] + 2.0 * p[(low, low + 1)];
+        0.25 * (of_axis(0) + of_axis(2))
+    }
+
+    /// Extends the box to hold the other one, in the axes of the first.
+    pub fn unite(&mut self, other: &Detection) {
+        let other_axes = box_axes(other.yaw_rad);
+        for face in 0..FACES {
+            let axis = &self.axes[face / 2];
+            let reach: f64 = (0..3)
+                .map(|i| 0.5 * other.size_m[i] * axis.dot(&other_axes[i]).abs())
+                .sum();
+            let sign = side_sign(face);
+            let place = axis.dot(&other.centre_world) + sign * reach;
+            if sign * (place - self.places[face]) > 0.0 {
+                self.places[face] = place;
+            }
+        }
+    }
+}
+
+/// Axes of an upright box, world.
+pub(super) fn box_axes(yaw_rad: f64) -> [Vector3<f64>; 3] {
+    let (sin, cos) = yaw_rad.sin_cos();
+    [
+        Vector3::new(cos, sin, 0.0),
+        Vector3::new(-sin, cos, 0.0),
+        Vector3::z(),
+    ]
+}
+
+/// Covariance of the sides: of centre and length, which are independent, through
+/// `e_i . c -+ s_i / 2`, and of the shape.
+fn face_covariance(
+    detection: &Detection,
+    axes: &[Vector3<f64>; 3],
+    shown: &[bool; FACES],
+    shape_noise_m: f64,
+) -> SMatrix<f64, FACES, FACES> {
+    let axes = Matrix3::from_columns(axes);
+    let centre = axes.transpose() * detection.centre_covariance * axes;
+    let mut covariance = SMatrix::<f64, FACES, FACES>::zeros();
+    for a in 0..FACES {
+        for b in 0..FACES {
+            covariance[(a, b)] = centre[(a / 2, b / 2)];
+            if a / 2 == b / 2 {
+                let quarter = 0.25 * detection.size_variance_m2[a / 2];
+                covariance[(a, b)] += side_sign(a) * side_sign(b) * quarter;
+            }
+        }
+    }
+    for axis in 0..3 {
+        if shown[2 * axis] != shown[2 * axis + 1] {
+            let variance = single_face_variance(detection, &centre, axis);
+            for face in [2 * axis, 2 * axis + 1] {
+                covariance.row_mut(face).fill(0.0);
+                covariance.column_mut(face).fill(0.0);
+                covariance[(face, face)] = variance;
+            }
+        }
+    }
+    for face in 0..FACES {
+        covariance[(face, face)] += shape_noise_m * shape_noise_m;
+    }
+    covariance
+}
+
+/// Variance of the one side that is seen along an axis.
+///
+/// Centre and length of a cut box err with the side that is not seen. Where the sides err
+/// independently, `Var c - Var s / 4` is what they share, as the vehicle's attitude; and where the
+/// centre is put behind a seen front by half a guessed length, it is the variance of the front.
+/// To it comes how finely the image divides the side's place.
+fn single_face_variance(detection: &Detection, centre: &Matrix3<f64>, axis: usize) -> f64 {
+    const LEAST_SHARE: f64 = 0.05;
+    let (own, length) = (centre[(axis, axis)], detection.size_variance_m2[axis]);
+    let shared = (own - 0.25 * length).max(LEAST_SHARE * own);
+    let window = &detection.window;
+    let pixels = match axis {
+        2 => window.bottom.saturating_sub(window.top),
+        _ => window.right.saturating_sub(window.left),
+    };
+    let pitch_m = detection.size_m[axis] / (f64::from(pixels) + 1.0);
+    shared + (pitch_m * pitch_m).min(0.5 * length)
+}
+
+/// Which sides the image shows.
+fn shown_faces(
+    detection: &Detection,
+    axes: &[Vector3<f64>; 3],
+    camera_world: &Vector3<f64>,
+    hidden: Cut,
+) -> [bool; FACES] {
+    let mut shown = match detection.footprint {
+        Footprint::Flat => shown_ends(detection, &axes[0], camera_world, hidden),
+        Footprint::Round => shown_sides(detection, axes, camera_world, hidden),
+    };
+    shown[4] = !(detection.cut.bottom || hidden.bottom);
+    shown[5] = !(detection.cut.top || hidden.top);
+    shown
+}
+
+/// The ends of a piece of a wall, which may lie along the line of sight: the one that appears
+/// further left is the one that the left border cuts off.
+fn shown_ends(
+    detection: &Detection,
+    along: &Vector3<f64>,
+    camera_world: &Vector3<f64>,
+    hidden: Cut,
+) -> [bool; FACES] {
+    let half = along * (0.5 * detection.size_m.x);
+    let low = (detection.centre_world - half - camera_world).xy();
+    let high = (detection.centre_world + half - camera_world).xy();
+    let upper_is_left = usize::from(low.perp(&high) >= 0.0);
+    let cut = detection.cut;
+    let mut shown = [true; FACES];
+    shown[upper_is_left] = !(cut.left || hidden.left);
+    shown[1 - upper_is_left] = !(cut.right || hidden.right);
+    shown
+}
+
+/// The sides of a compact thing. The lateral axis is the one across the line of sight. The back of
+/// a round thing is guessed from its width, so that it is unknown whenever the width is.
+fn shown_sides(
+    detection: &Detection,
+    axes: &[Vector3<f64>; 3],
+    camera_world: &Vector3<f64>,
+    hidden: Cut,
+) -> [bool; FACES] {
+    let sight = detection.centre_world - camera_world;
+    let left = Vector3::new(-sight.y, sight.x, 0.0);
+    let lateral = usize::from(axes[1].dot(&left).abs() >= axes[0].dot(&left).abs());
+    let depth = 1 - lateral;
+    let upper_is_left = usize::from(axes[lateral].dot(&left) >= 0.0);
+    let upper_is_back = usize::from(axes[depth].dot(&sight) >= 0.0);
+    let cut = detection.cut;
+    let mut shown = [true; FACES];
+    shown[2 * lateral + upper_is_left] = !(cut.left || hidden.left);
+    shown[2 * lateral + 1 - upper_is_left] = !(cut.right || hidden.right);
+    let whole = shown[2 * lateral] && shown[2 * lateral + 1];
+    shown[2 * depth + upper_is_back] = whole;
+    shown
+}

@@ -1,0 +1,76 @@
+//! Tracking asks the system for no memory.
+
+// An allocator is unsafe by its signature; this one counts and passes every call on.
+#![allow(unsafe_code)]
+
+mod track_support;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use alula_messages::Footprint;
+use alula_perception::{SeenSpace, SeenSpaceConfig, Tracker, TrackerConfig};
+use nalgebra::Vector3;
+use track_support::*;
+
+thread_local! {
+    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
+}
+
+struct Counting;
+
+// SAFETY: every call goes to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn realloc(&self, old: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
+        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        unsafe { System.realloc(old, layout, new_size) }
+    }
+
+    unsafe fn dealloc(&self, old: *mut u8, layout: Layout) {
+        unsafe { System.dealloc(old, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// More detections than tracks fit in, round and flat, over a second; then the memory of space.
+#[test]
+fn nothing_is_allocated_after_construction() {
+    let config = TrackerConfig {
+        max_tracks: 20,
+        max_detections: 30,
+        ..TrackerConfig::default()
+    };
+    let mut tracker = Tracker::new(&config).unwrap();
+    let mut space = SeenSpace::new(&SeenSpaceConfig::default()).unwrap();
+    let (mut random, camera) = (random(1), at_origin());
+    let mut count = 0;
+    for image in 0..30 {
+        let shift = 0.02 * image as f64;
+        let people: Vec<_> = (0..40)
+            .map(|i| cylinder(2.0 + 0.3 * f64::from(i % 8), f64::from(i / 8) - 2.0 + shift))
+            .collect();
+        let mut seen = detections(&camera, &people, &[], &mut random);
+        while seen.len() < 40 {
+            let mut more = seen[seen.len() - 5];
+            more.centre_world += Vector3::new(0.4, 0.3, 0.0);
+            more.footprint = Footprint::Flat;
+            seen.push(more);
+        }
+        let contour = contour(&camera, stamp(image), &people, &[]);
+        let before = ALLOCATIONS.get();
+        tracker.update(stamp(image), &seen, &contour, &camera.position());
+        space.update(&contour);
+        space.mark_here(&camera.position(), 0.4, stamp(image));
+        count += ALLOCATIONS.get() - before;
+    }
+    assert!(ALLOCATIONS.get() > 100, "the allocator counts");
+    assert!(tracker.obstacles().len() > 10);
+    assert_eq!(count, 0);
+}
