@@ -9,6 +9,7 @@ mod corridor;
 mod extrema;
 mod hermite;
 mod minimum_snap;
+pub mod mpc;
 mod problem;
 pub mod route;
 mod timing;
