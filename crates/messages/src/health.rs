@@ -113,6 +113,8 @@ pub enum Violation {
     FlowLost,
     /// Height measurements are missing or stuck.
     RangeLost,
+    /// Depth images, without which obstacles are not seen, are missing or empty.
+    DepthLost,
 }
 
 impl Violation {
@@ -129,6 +131,7 @@ impl Violation {
             Self::ImuLost => "inertial data lost",
             Self::FlowLost => "flow data lost",
             Self::RangeLost => "range data lost",
+            Self::DepthLost => "depth images lost",
         }
     }
 }

@@ -38,6 +38,7 @@ pub(crate) enum Check {
     HeightDegraded,
     FlowLost,
     VelocityDegraded,
+    DepthLost,
     RawTilt,
     Tilt,
     Outside,
@@ -47,7 +48,7 @@ pub(crate) enum Check {
 }
 
 /// All rules; among equally grave ones the earlier names the cause.
-pub(crate) const ALL: [Check; 24] = [
+pub(crate) const ALL: [Check; 25] = [
     Check::Tumbling,
     Check::ImuLost,
     Check::EstimateStale,
@@ -66,6 +67,7 @@ pub(crate) const ALL: [Check; 24] = [
     Check::HeightDegraded,
     Check::FlowLost,
     Check::VelocityDegraded,
+    Check::DepthLost,
     Check::RawTilt,
     Check::Tilt,
     Check::Outside,
@@ -96,6 +98,8 @@ pub(crate) struct View<'a> {
     /// For how long flow and range have been expected, s; zero when they are not.
     pub(crate) flow_expected_s: f64,
     pub(crate) range_expected_s: f64,
+    /// Whether the vehicle avoids what it sees.
+    pub(crate) needs_depth: bool,
 }
 
 impl Check {
@@ -116,6 +120,7 @@ impl Check {
                 Violation::RangeLost
             }
             Self::FlowLost | Self::VelocityDegraded => Violation::FlowLost,
+            Self::DepthLost => Violation::DepthLost,
             Self::Outside | Self::FenceAhead => Violation::Geofence,
             Self::RangeLow => Violation::RangeLow,
             Self::Speed => Violation::Speed,
@@ -145,6 +150,7 @@ impl Check {
             | Self::RangeStuck
             | Self::HeightDegraded
             | Self::FlowLost
+            | Self::DepthLost
             | Self::Outside
             | Self::RangeLow
             | Self::Speed
@@ -175,6 +181,10 @@ impl Check {
                 (0.0, Hold),
                 (flow_after(sensors.flow_land_s), Land),
                 (flow_after(sensors.flow_descend_s), Descend),
+            ]),
+            Self::DepthLost => stages(&[
+                (0.0, Hold),
+                (sensors.depth_land_s - sensors.depth_hold_s, Land),
             ]),
             Self::RawTilt | Self::Tilt => {
                 stages(&[(motion.tilt_hold_s, Hold), (motion.tilt_descend_s, Descend)])
@@ -213,6 +223,7 @@ impl Check {
             Self::RangeLost => view.range_lost(),
             Self::RangeStuck => view.range_stuck(),
             Self::FlowLost => view.flow_lost(),
+            Self::DepthLost => view.depth_lost(),
             Self::RawTilt => over(
                 view.raw.tilt_rad().to_degrees(),
                 view.config.motion.raw_tilt_deg,
@@ -269,6 +280,17 @@ impl View<'_> {
 
     fn height_m(&self) -> f64 {
         self.state.position_world().z - self.ground_z_m
+    }
+
+    fn depth_lost(&self) -> Option<(f64, f64)> {
+        let flies = matches!(self.mode, FlightMode::Hovering | FlightMode::Flying);
+        if !(self.needs_depth && flies) {
+            return None;
+        }
+        over(
+            self.raw.seconds_since(self.raw.depth),
+            self.config.sensors.depth_hold_s,
+        )
     }
 
     /// Both attitudes must agree on it, unless there is only the guard's own.

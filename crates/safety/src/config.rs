@@ -142,6 +142,11 @@ parameters! {
         pub flow_land_s: f64 = 3.0, within(0.05, 60.0);
         /// Descend after this long without flow: dead reckoning has drifted away by then, s.
         pub flow_descend_s: f64 = 10.0, within(0.05, 120.0);
+        /// Hold after this long without a depth image that shows anything, s; only where the
+        /// vehicle avoids what it sees.
+        pub depth_hold_s: f64 = 1.0, within(0.05, 60.0);
+        /// Land after this long without one, s.
+        pub depth_land_s: f64 = 5.0, within(0.05, 120.0);
         /// Land after this long without a valid range, s.
         pub range_lost_s: f64 = 1.0, within(0.05, 60.0);
         /// Land after all rangers have repeated one reading to the last bit for this long, s.

@@ -59,6 +59,8 @@ pub struct Guard {
     reported_thrust: Option<(Timestamp, f64)>,
     ground_z_m: f64,
     last: Option<Timestamp>,
+    /// Whether the vehicle avoids what it sees.
+    needs_depth: bool,
     ready: Result<(), Violation>,
     command: Command,
     report: GuardReport,
@@ -86,6 +88,7 @@ impl Guard {
             reported_thrust: None,
             ground_z_m: 0.0,
             last: None,
+            needs_depth: false,
             ready: Err(Violation::ImuLost),
             command: Command::Disarm,
             report: GuardReport {
@@ -95,6 +98,11 @@ impl Guard {
             config: config.clone(),
             vehicle: vehicle.clone(),
         })
+    }
+
+    /// From now on depth images are expected: the vehicle avoids what it sees.
+    pub fn expect_depth(&mut self) {
+        self.needs_depth = true;
     }
 
     /// The command after the guard.
@@ -203,6 +211,10 @@ impl Guard {
             (inside, Violation::Geofence),
             (arrives(raw.flow_arrived), Violation::FlowLost),
             (
+                !self.needs_depth || raw.seconds_since(raw.depth) <= ARRIVING_S,
+                Violation::DepthLost,
+            ),
+            (
                 arrives(raw.sonar.arrived) && arrives(raw.infrared.arrived),
                 Violation::RangeLost,
             ),
@@ -256,6 +268,7 @@ impl Guard {
             ground_z_m: self.ground_z_m,
             flow_expected_s: elapsed_s(self.flow_expected_since),
             range_expected_s: elapsed_s(self.range_expected_since),
+            needs_depth: self.needs_depth,
         };
         let mut gravest = (Fallback::None, None);
         let mut doubted = false;

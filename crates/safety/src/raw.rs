@@ -67,6 +67,18 @@ impl Ranger {
     }
 }
 
+/// Whether an image holds enough returns to show an obstacle: a covered or dead camera gives none.
+fn shows_anything(depth_mm: &[u16]) -> bool {
+    /// Every so many pixels are looked at; coprime to common widths, so that all columns are met.
+    const STRIDE: usize = 97;
+    /// Least share of them with a return.
+    const SHARE: f64 = 0.02;
+    let looked = depth_mm.iter().step_by(STRIDE);
+    let count = looked.len();
+    let returns = looked.filter(|mm| !matches!(**mm, 0 | u16::MAX));
+    returns.count() as f64 > SHARE * count as f64
+}
+
 /// What raw data say about the motion.
 #[derive(Clone, Debug)]
 pub(crate) struct RawMotion {
@@ -98,6 +110,10 @@ pub(crate) struct RawMotion {
     pub(crate) landed_height_m: f64,
     /// Latest flow sample of any kind, and latest usable one.
     pub(crate) flow_arrived: Option<Timestamp>,
+    /// Latest depth image that shows anything.
+    pub(crate) depth: Option<Timestamp>,
+    /// What the last image shows, to tell a camera that is stuck.
+    depth_fingerprint: Option<u64>,
     pub(crate) flow: Option<Timestamp>,
     /// Horizontal velocity by flow less the estimate's, body, low-passed, m/s.
     pub(crate) flow_gap_m_s: Vector2<f64>,
@@ -124,6 +140,8 @@ impl RawMotion {
             slant: None,
             landed_height_m: 0.0,
             flow_arrived: None,
+            depth: None,
+            depth_fingerprint: None,
             flow: None,
             flow_gap_m_s: Vector2::zeros(),
         }
@@ -137,6 +155,7 @@ impl RawMotion {
             self.learn_bias(sample, step_s);
         }
         self.take_ranges(batch);
+        self.take_images(batch);
         self.climb_m_s = 0.0;
         self.height_m = self.range_height_m().unwrap_or(0.0);
         self.landed_height_m = self.height_m;
@@ -153,8 +172,19 @@ impl RawMotion {
             self.take_imu(sample, VERTICAL_FLIGHT_S, QUIET_M_S2);
         }
         self.take_ranges(batch);
+        self.take_images(batch);
         for sample in &batch.flow {
             self.compare_flow(sample, velocity_body);
+        }
+    }
+
+    fn take_images(&mut self, batch: &SensorBatch) {
+        for image in &batch.depth {
+            let fingerprint = image.fingerprint();
+            let is_stuck = self.depth_fingerprint.replace(fingerprint) == Some(fingerprint);
+            if !is_stuck && shows_anything(&image.depth_mm) {
+                self.depth = self.depth.max(Some(image.time));
+            }
         }
     }
 

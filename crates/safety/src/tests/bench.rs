@@ -1,9 +1,11 @@
 //! A vehicle without faults that the tests spoil one thing at a time.
 
-use alula_geometry::{GRAVITY_M_S2, Pose, TimeDelta, Timestamp, so3};
+use std::sync::Arc;
+
+use alula_geometry::{GRAVITY_M_S2, PinholeCamera, Pose, TimeDelta, Timestamp, so3};
 use alula_messages::{
-    Command, EstimateHealth, Fallback, FlightMode, FlowSample, GuardReport, ImuSample, NavState,
-    RangeSample, SensorBatch, Violation,
+    Command, DepthImage, EstimateHealth, Fallback, FlightMode, FlowSample, GuardReport, ImuSample,
+    NavState, RangeSample, SensorBatch, Violation,
 };
 use nalgebra::{Translation3, Vector2, Vector3};
 
@@ -38,6 +40,10 @@ pub struct Bench {
     /// By how much each second sample is off, m/s^2.
     pub imu_jump_m_s2: f64,
     pub flow_quality: f64,
+    /// What all pixels of the depth camera show; without it there is none.
+    pub depth_mm: Option<u16>,
+    /// Whether it repeats one image.
+    pub depth_stuck: bool,
     pub range: Range,
     /// Turns the honest estimate into another.
     pub spoil: Box<dyn Fn(&mut NavState)>,
@@ -78,6 +84,8 @@ impl Bench {
             imu_jump_m_s2: 0.0,
             last_imu: None,
             flow_quality: 0.9,
+            depth_mm: None,
+            depth_stuck: false,
             range: Range::Works,
             spoil: Box::new(|_| {}),
             obedient: true,
@@ -226,6 +234,30 @@ impl Bench {
             let range = self.range();
             self.batch.infrared.push(range);
         }
+        if let Some(depth_mm) = self.depth_mm.filter(|_| self.step % 7 == 0) {
+            self.batch.depth.push(self.image(depth_mm));
+        }
+    }
+
+    fn image(&self, depth_mm: u16) -> Arc<DepthImage> {
+        let camera = PinholeCamera::from_field_of_view(64, 48, 1.5, 1.0);
+        Arc::new(DepthImage {
+            time: self.now(),
+            camera,
+            body_from_camera: Pose::identity(),
+            depth_mm: self.pixels(depth_mm),
+        })
+    }
+
+    /// A flat scene with a dither, unless there is nothing to see.
+    fn pixels(&self, depth_mm: u16) -> Vec<u16> {
+        let dither = (self.step % 5) as u16;
+        let shown = if depth_mm == 0 || self.depth_stuck {
+            depth_mm
+        } else {
+            depth_mm + dither
+        };
+        vec![shown; 64 * 48]
     }
 
     fn imu(&self) -> ImuSample {

@@ -270,6 +270,50 @@ fn lost_flow_is_held_landed_and_then_descended() {
     bench.expect(Violation::FlowLost, Fallback::Descend, 6.98, 7.02);
 }
 
+/// Flies by depth images that show a wall.
+fn seeing() -> Bench {
+    let mut bench = Bench::on_ground();
+    bench.guard.expect_depth();
+    bench.depth_mm = Some(3000);
+    bench.mode = FlightMode::Armed;
+    bench.run(0.1);
+    bench.take_off_to(1.5);
+    bench.mode = FlightMode::Flying;
+    bench.expect_nothing(2.0);
+    bench
+}
+
+#[test]
+fn lost_depth_is_held_and_then_landed_where_obstacles_are_avoided() {
+    let mut bench = seeing();
+    bench.depth_mm = None;
+    bench.expect(Violation::DepthLost, Fallback::Hold, 0.96, 1.04);
+    bench.expect(Violation::DepthLost, Fallback::Land, 3.98, 4.02);
+}
+
+#[test]
+fn a_covered_depth_camera_counts_as_lost() {
+    let mut bench = seeing();
+    bench.depth_mm = Some(0);
+    bench.expect(Violation::DepthLost, Fallback::Hold, 0.96, 1.04);
+}
+
+#[test]
+fn a_depth_camera_that_repeats_one_image_counts_as_lost() {
+    let mut bench = seeing();
+    bench.depth_stuck = true;
+    bench.expect(Violation::DepthLost, Fallback::Hold, 0.96, 1.08);
+}
+
+#[test]
+fn depth_is_not_missed_where_nothing_is_avoided_by_it() {
+    let mut bench = Bench::flying();
+    bench.depth_mm = Some(3000);
+    bench.run(1.0);
+    bench.depth_mm = None;
+    bench.expect_nothing(3.0);
+}
+
 #[test]
 fn flow_is_not_missed_near_the_ground() {
     let mut bench = Bench::flying();
