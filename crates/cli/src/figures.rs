@@ -4,13 +4,15 @@ use std::path::Path;
 
 use alula_geometry::Timestamp;
 use alula_runtime::flight_log::{EventKind, FlightLog, Sample};
-use alula_sim::world::{PersonState, Shape, World};
+use alula_sim::world::World;
 use nalgebra::Vector3;
 
+use crate::belief::BeliefFigures;
+use crate::outlines::{View, shapes};
 use crate::page::{Fact, Page, PageFigure, Span, Table};
 use crate::plot::{
-    Band, Cell, Colour, Figure, Fill, Glyph, LineChart, MapPoint, MapShape, MapView, Marker,
-    Outline, Panel, PlotError, Series, Style, render_png,
+    Band, Cell, Colour, Figure, Glyph, LineChart, MapPoint, MapView, Marker, Panel, PlotError,
+    Series, Style, render_png,
 };
 
 /// Width of a figure that spans the page, pixels.
@@ -18,9 +20,6 @@ const FULL_WIDTH: f64 = 1000.0;
 
 /// Width of a figure that takes half the page, pixels.
 const HALF_WIDTH: f64 = 560.0;
-
-/// Endless things are drawn up to this height in side views, m.
-const DRAWN_TOP_M: f64 = 4.0;
 
 /// All that is drawn of a flight.
 pub struct FlightFigures {
@@ -34,22 +33,7 @@ pub struct FlightFigures {
     position_errors: [LineChart; 3],
     velocity_errors: [LineChart; 3],
     attitude_errors: [LineChart; 3],
-}
-
-/// Two of the world's axes, for a view.
-#[derive(Clone, Copy)]
-enum View {
-    Top,
-    Side,
-}
-
-impl View {
-    fn of(self, point: &Vector3<f64>) -> (f64, f64) {
-        match self {
-            Self::Top => (point.x, point.y),
-            Self::Side => (point.x, point.z),
-        }
-    }
+    belief: Option<BeliefFigures>,
 }
 
 impl FlightFigures {
@@ -91,7 +75,13 @@ impl FlightFigures {
                     (-s.attitude_error[i], s.attitude_sigma[i])
                 })
             }),
+            belief: None,
         }
+    }
+
+    /// The same with figures of what was believed.
+    pub fn with_belief(self, belief: Option<BeliefFigures>) -> Self {
+        Self { belief, ..self }
     }
 
     /// The overview as one drawing.
@@ -102,8 +92,9 @@ impl FlightFigures {
             columns,
             rows,
         };
+        let top = self.belief.as_ref().map_or(&self.top, |b| &b.overview);
         let mut panels: Vec<(Cell, &dyn Panel)> = vec![
-            (cell(0, 0, 2, 2), &self.top),
+            (cell(0, 0, 2, 2), top),
             (cell(0, 2, 2, 1), &self.side),
             (cell(2, 0, 1, 1), &self.speed),
             (cell(2, 1, 1, 1), &self.height),
@@ -137,6 +128,8 @@ impl FlightFigures {
 
     /// The page with all figures.
     pub fn page(&self, summary: Vec<Fact>, tables: Vec<Table>, notes: Vec<String>) -> Page {
+        let mut tables = tables;
+        tables.extend(self.belief.iter().flat_map(BeliefFigures::tables));
         let full = |panel: &dyn Panel, caption: &str| figure(panel, Span::Full, caption);
         let half = |panel: &dyn Panel| figure(panel, Span::Half, "");
         let mut figures = vec![
@@ -145,9 +138,9 @@ impl FlightFigures {
                 "Seen from above. Things stand where they are at the end.",
             ),
             full(&self.side, "Seen from the south."),
-            half(&self.speed),
-            half(&self.height),
         ];
+        figures.extend(self.belief.iter().flat_map(BeliefFigures::figures));
+        figures.extend([half(&self.speed), half(&self.height)]);
         figures.extend(self.clearance.as_ref().map(|chart| half(chart)));
         for charts in [
             &self.position_errors,
@@ -351,129 +344,6 @@ fn points(view: View, log: &FlightLog, waypoints: &[[f64; 3]]) -> Vec<MapPoint> 
     numbered.chain(ends).chain(acts).collect()
 }
 
-fn shapes(view: View, world: &World, time: Timestamp) -> Vec<MapShape> {
-    let still = world.obstacles().iter().filter_map(|obstacle| {
-        Some(
-            MapShape::new(outline(view, &obstacle.shape)?, Fill::Obstacle).labelled(&obstacle.name),
-        )
-    });
-    let people = world.people_at(time).map(|person| {
-        MapShape::new(person_outline(view, &person), Fill::Person)
-            .labelled(&format!("person {}", person.id + 1))
-    });
-    let ground = match view {
-        View::Top => None,
-        View::Side => {
-            let z = world.ground_height_m();
-            let line = Outline::Line {
-                from: (-1e3, z),
-                to: (1e3, z),
-            };
-            Some(MapShape::new(line, Fill::Ground))
-        }
-    };
-    ground.into_iter().chain(still).chain(people).collect()
-}
-
-fn person_outline(view: View, person: &PersonState) -> Outline {
-    let axes = person.semi_axes_m;
-    let centre = view.of(&person.centre_world.coords);
-    match view {
-        View::Top => Outline::Ellipse {
-            centre,
-            half_axes: (axes.x, axes.y),
-            angle_rad: person.yaw_rad,
-        },
-        View::Side => {
-            let (s, c) = person.yaw_rad.sin_cos();
-            let across = ((axes.x * c).powi(2) + (axes.y * s).powi(2)).sqrt();
-            Outline::Ellipse {
-                centre,
-                half_axes: (across, axes.z),
-                angle_rad: 0.0,
-            }
-        }
-    }
-}
-
-/// The shadow of a shape in a view.
-fn outline(view: View, shape: &Shape) -> Option<Outline> {
-    match shape {
-        Shape::Box {
-            world_from_box,
-            half_size_m,
-        } => {
-            let corners = (0..8).map(|i| {
-                let sign = |bit: usize| if i >> bit & 1 == 0 { -1.0 } else { 1.0 };
-                let corner = half_size_m.component_mul(&Vector3::new(sign(0), sign(1), sign(2)));
-                view.of(&(world_from_box * nalgebra::Point3::from(corner)).coords)
-            });
-            Some(Outline::Polygon(convex_hull(corners.collect())))
-        }
-        Shape::Cylinder {
-            centre_m: [x, y],
-            radius_m,
-            bottom_m,
-            top_m,
-        } => Some(match view {
-            View::Top => Outline::Circle {
-                centre: (*x, *y),
-                radius: *radius_m,
-            },
-            View::Side => {
-                let bottom = bottom_m.max(0.0);
-                let top = top_m.min(bottom.max(0.0) + DRAWN_TOP_M);
-                Outline::Rect {
-                    centre: (*x, 0.5 * (bottom + top)),
-                    size: (2.0 * radius_m, top - bottom),
-                    angle_rad: 0.0,
-                }
-            }
-        }),
-        Shape::Sphere {
-            centre_world,
-            radius_m,
-        } => Some(Outline::Circle {
-            centre: view.of(&centre_world.coords),
-            radius: *radius_m,
-        }),
-        Shape::Mesh(mesh) => {
-            let corners = mesh
-                .triangles()
-                .iter()
-                .flatten()
-                .map(|p| view.of(&p.coords));
-            Some(Outline::Polygon(convex_hull(corners.collect())))
-        }
-    }
-}
-
-/// Corners of the smallest convex polygon around points, counter-clockwise (Andrew's chains).
-fn convex_hull(mut points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
-    points.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-    points.dedup();
-    let turns_left = |a: &(f64, f64), b: &(f64, f64), c: &(f64, f64)| {
-        (b.0 - a.0) * (c.1 - a.1) - (b.1 - a.1) * (c.0 - a.0) > 0.0
-    };
-    let chain = |points: &mut dyn Iterator<Item = (f64, f64)>| {
-        let mut chain: Vec<(f64, f64)> = Vec::new();
-        for point in points {
-            while let [.., a, b] = chain[..] {
-                if turns_left(&a, &b, &point) {
-                    break;
-                }
-                chain.pop();
-            }
-            chain.push(point);
-        }
-        chain.pop();
-        chain
-    };
-    let mut hull = chain(&mut points.iter().copied());
-    hull.extend(chain(&mut points.iter().rev().copied()));
-    hull
-}
-
 /// Writes the page and the picture of a flight to a folder.
 ///
 /// # Errors
@@ -493,24 +363,5 @@ pub fn write(
             finding: format!("the picture could not be drawn: {error}"),
             remedy: "The page report.html holds the same figures".to_owned(),
         }),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_hull_of_a_square_with_inner_points_is_the_square() {
-        let points = vec![
-            (0.0, 0.0),
-            (1.0, 0.0),
-            (0.5, 0.5),
-            (1.0, 1.0),
-            (0.0, 1.0),
-            (0.5, 0.0),
-        ];
-        let hull = convex_hull(points);
-        assert_eq!(hull, vec![(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]);
     }
 }

@@ -3,8 +3,12 @@
 //! This is the one place that talks to a terminal and ends a process.
 #![allow(clippy::print_stdout, clippy::print_stderr)]
 
+mod belief;
+mod campaign_page;
 mod commands;
+mod depth_pictures;
 mod figures;
+mod outlines;
 mod page;
 mod plot;
 mod words;
@@ -28,6 +32,7 @@ const EXAMPLES: &str = "Examples:
   alula fly                                  fly the built-in mission and draw it
   alula fly --seed 7 --set simulation.wind.mean_m_s=[2,0,0]
   alula fly scenarios/forest.toml --json     one JSON object, for scripts
+  alula campaign scenarios/forest.toml --runs 1000
   alula report out/first-flight-1            draw a flight again
   alula replay out/first-flight-1/flight.mcap
   alula estimate V1_01_easy --estimator pose-imu --pose-rate-hz 10 --pose-delay-s 0.1
@@ -39,6 +44,7 @@ Exit codes: 0 success, 1 the flight or comparison failed, 2 bad input.";
 #[derive(Subcommand)]
 enum Command {
     Fly(commands::fly::Arguments),
+    Campaign(commands::campaign::Arguments),
     Replay(commands::replay::Arguments),
     Estimate(commands::estimate::Arguments),
     Check(commands::check::Arguments),
@@ -48,6 +54,7 @@ enum Command {
 fn main() -> ExitCode {
     let outcome = match Arguments::parse().command {
         Command::Fly(arguments) => commands::fly::run(&arguments),
+        Command::Campaign(arguments) => commands::campaign::run(&arguments),
         Command::Replay(arguments) => commands::replay::run(&arguments),
         Command::Estimate(arguments) => commands::estimate::run(&arguments),
         Command::Check(arguments) => commands::check::run(&arguments),

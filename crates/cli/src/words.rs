@@ -1,6 +1,7 @@
 //! A flight in words: the summary on the terminal and the facts at the top of a page.
 
 use alula_messages::Fallback;
+use alula_runtime::belief::BeliefLog;
 use alula_runtime::flight::{FlightSummary, Outcome};
 
 use crate::page::{Fact, Row, Status, Table};
@@ -17,8 +18,13 @@ pub fn cards(summary: &FlightSummary) -> Vec<Fact> {
     let plain = |label: &str, value: String| card(label, value, Status::Neutral);
     let good_if = |good: bool| if good { Status::Good } else { Status::Warning };
     let outcome = if reached { Status::Good } else { Status::Bad };
-    vec![
-        card("outcome", summary.outcome.name().to_owned(), outcome),
+    let people = summary.min_person_distance_m.map(|distance_m| {
+        let status = good_if(summary.contacts.is_empty());
+        card("nearest person", format!("{distance_m:.2} m"), status)
+    });
+    let mut cards = vec![card("outcome", outcome_word(summary), outcome)];
+    cards.extend(people);
+    cards.extend([
         card(
             "guard",
             guard(summary.guard).to_owned(),
@@ -53,7 +59,32 @@ pub fn cards(summary: &FlightSummary) -> Vec<Fact> {
             "from the reference (RMSE)",
             format!("{:.3} m", summary.tracking_rmse_m),
         ),
-    ]
+    ]);
+    cards
+}
+
+/// How it ended, with the word for what stopped it.
+fn outcome_word(summary: &FlightSummary) -> String {
+    match &summary.failure {
+        Some(failure) => format!("{}: {failure}", summary.outcome.name()),
+        None => summary.outcome.name().to_owned(),
+    }
+}
+
+/// How near people came; `None` where there were none.
+fn people(summary: &FlightSummary) -> Option<String> {
+    let distance_m = summary.min_person_distance_m?;
+    let (all, unseen) = (summary.contacts.len(), summary.unseen_contacts);
+    let contacts = match (all, unseen) {
+        (0, _) => "0 contacts".to_owned(),
+        (1, 0) => "1 contact".to_owned(),
+        (1, _) => "1 contact, by someone from outside the field of view".to_owned(),
+        (_, 0) => format!("{all} contacts"),
+        _ => format!("{all} contacts, {unseen} of them from outside the field of view"),
+    };
+    Some(format!(
+        "kept {distance_m:.2} m from them (centre to ellipsoid), {contacts}"
+    ))
 }
 
 fn metres_or_none(value: Option<f64>) -> String {
@@ -65,7 +96,7 @@ fn metres_or_none(value: Option<f64>) -> String {
 /// The lines of the summary on a terminal: what, and how much.
 fn lines(summary: &FlightSummary) -> Vec<(&'static str, String)> {
     let estimation = &summary.estimation;
-    vec![
+    let mut lines = vec![
         (
             "outcome",
             format!("{}: {}", summary.outcome.name(), summary.reason),
@@ -85,6 +116,9 @@ fn lines(summary: &FlightSummary) -> Vec<(&'static str, String)> {
             ),
         ),
         ("least clearance", metres_or_none(summary.min_clearance_m)),
+    ];
+    lines.extend(people(summary).map(|text| ("people", text)));
+    lines.extend([
         (
             "estimate",
             format!(
@@ -107,7 +141,8 @@ fn lines(summary: &FlightSummary) -> Vec<(&'static str, String)> {
             "speed of simulation",
             format!("{:.0} times real time", summary.real_time_factor),
         ),
-    ]
+    ]);
+    lines
 }
 
 fn guard(worst: Fallback) -> &'static str {
@@ -124,8 +159,21 @@ fn guard(worst: Fallback) -> &'static str {
 pub fn print(summary: &FlightSummary) {
     println!("\n{} (seed {})", summary.scenario, summary.seed);
     for (what, how_much) in lines(summary) {
-        println!("  {what:<20} {how_much}");
+        print_line(what, &how_much);
     }
+}
+
+/// What was seen, for a terminal; nothing where the vehicle did not look.
+pub fn print_sights(belief: &BeliefLog) {
+    if belief.images > 0 {
+        let (tracked, images) = (belief.tracked(), belief.images);
+        let text = format!("{tracked} tracked in {images} depth images");
+        print_line("obstacles", &text);
+    }
+}
+
+fn print_line(what: &str, how_much: &str) {
+    println!("  {what:<20} {how_much}");
 }
 
 /// Durations of the parts of a step.

@@ -4,6 +4,9 @@
 // A benchmark that cannot write should stop, and it prints its budget.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
+#[path = "../tests/made/mod.rs"]
+mod made;
+
 use std::sync::Arc;
 
 use alula_geometry::{PinholeCamera, Pose, Timestamp};
@@ -13,6 +16,7 @@ use alula_messages::{
 };
 use alula_record::{Header, Recorder, TruthRecord};
 use divan::Bencher;
+use made::Numbers;
 use nalgebra::{Vector2, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -149,6 +153,32 @@ fn step(bencher: Bencher) {
             recorder.write_batch(batch).unwrap();
             recorder.write_output(output).unwrap();
             recorder.write_truth(truth).unwrap();
+        });
+    recorder.finish().unwrap();
+}
+
+/// A step that looked at an image, knows twenty obstacles and made a plan; what is not every step.
+#[divan::bench(sample_count = 300, sample_size = 1)]
+fn step_with_twenty_obstacles_and_a_plan(bencher: Bencher) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let mut recorder = Recorder::create(path, &Header::default()).unwrap();
+    let mut numbers = Numbers::plain(1);
+    let mut made = Made::new();
+    bencher
+        .with_inputs(|| {
+            // 16 Hz.
+            (0..16).for_each(|_| made.advance());
+            let mut output = made.output.clone();
+            output.seen_at = Some(output.time);
+            output.detections = (0..10).map(|_| made::detection(&mut numbers)).collect();
+            output.obstacles = (0..20).map(|_| made::obstacle(&mut numbers)).collect();
+            output.plan = Some(made::plan(&mut numbers));
+            (made.batch.clone(), output)
+        })
+        .bench_local_refs(|(batch, output)| {
+            recorder.write_batch(batch).unwrap();
+            recorder.write_output(output).unwrap();
         });
     recorder.finish().unwrap();
 }

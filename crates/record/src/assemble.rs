@@ -9,6 +9,7 @@ use prost::Message;
 
 use crate::convert::{Mismatch, Recorded, depth_image, time};
 use crate::convert_output::reference_from;
+use crate::convert_seen::{hindrance_from, plan_from};
 use crate::convert_state::state_from;
 use crate::recording::{Event, LogEntry, LogLevel, TruthRecord};
 use crate::schema;
@@ -54,6 +55,10 @@ impl Assembler {
             Topic::Mode => self.mode = Some(mode(data)?),
             Topic::Requests => self.take_requests(data)?,
             Topic::Reference => self.take_reference(data)?,
+            Topic::Detections => self.take_detections(data)?,
+            Topic::Obstacles => self.take_obstacles(data)?,
+            Topic::Plan => self.output()?.plan = Some(plan_from(&schema::Plan::decode(data)?)?),
+            Topic::Hindrance => self.take_hindrance(data)?,
             Topic::Guard => self.guard = Some(recorded(data)?),
             Topic::Command => return self.end_output(data).map(Some),
             Topic::Truth => return Ok(Some(Event::Truth(recorded::<TruthRecord>(data)?))),
@@ -66,7 +71,11 @@ impl Assembler {
             | Topic::Path
             | Topic::PathTrue
             | Topic::Scene
-            | Topic::People => {}
+            | Topic::People
+            | Topic::SceneObstacles
+            | Topic::ScenePlan
+            | Topic::Annotations
+            | Topic::UDepth => {}
         }
         Ok(None)
     }
@@ -138,6 +147,28 @@ impl Assembler {
     fn take_reference(&mut self, data: &[u8]) -> Result<(), Mismatch> {
         let message = schema::Reference::decode(data)?;
         self.output()?.reference = Some(reference_from(&message));
+        Ok(())
+    }
+
+    fn take_detections(&mut self, data: &[u8]) -> Result<(), Mismatch> {
+        let message = schema::Detections::decode(data)?;
+        let detections = message.detections.iter().map(Recorded::from_message);
+        let output = self.output()?;
+        output.seen_at = message.seen_at_ns.map(time);
+        output.detections = detections.collect::<Result<_, _>>()?;
+        Ok(())
+    }
+
+    fn take_obstacles(&mut self, data: &[u8]) -> Result<(), Mismatch> {
+        let message = schema::Obstacles::decode(data)?;
+        let obstacles = message.obstacles.iter().map(Recorded::from_message);
+        self.output()?.obstacles = obstacles.collect::<Result<_, _>>()?;
+        Ok(())
+    }
+
+    fn take_hindrance(&mut self, data: &[u8]) -> Result<(), Mismatch> {
+        let message = schema::Hindrance::decode(data)?;
+        self.output()?.hindrance = Some(hindrance_from(&message)?);
         Ok(())
     }
 

@@ -22,8 +22,18 @@ pub(crate) enum Mismatch {
     #[error("a message lacks `{0}`")]
     Absent(&'static str),
     /// A matrix of another size.
-    #[error("a covariance has {0} numbers instead of 120 or 225")]
-    Covariance(usize),
+    #[error("a covariance has {found} numbers instead of {triangle} or {whole}")]
+    Covariance {
+        found: usize,
+        triangle: usize,
+        whole: usize,
+    },
+    /// A plan with another horizon.
+    #[error("a plan has {0} points instead of 26")]
+    PlanPoints(usize),
+    /// A number that is too large for its field.
+    #[error("`{0}` is too large")]
+    TooLarge(&'static str),
     /// A batch or an output whose parts are not all there.
     #[error("{0} is incomplete")]
     Incomplete(&'static str),

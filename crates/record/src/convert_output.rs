@@ -26,6 +26,7 @@ macro_rules! same_names {
         }
     };
 }
+pub(crate) use same_names;
 
 same_names!(
     FlightPhase,
@@ -85,6 +86,7 @@ same_names!(
         ImuLost,
         FlowLost,
         RangeLost,
+        DepthLost,
     }
 );
 same_names!(

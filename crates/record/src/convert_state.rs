@@ -1,17 +1,14 @@
 //! The estimate to its schemas and back, every bit kept.
 
 use alula_messages::{
-    ErrorCovariance, EstimateHealth, FlightPhase, Fusion, NavState, Rejection, Sensor, error_index,
+    EstimateHealth, FlightPhase, Fusion, NavState, Rejection, Sensor, error_index,
 };
 use nalgebra::Vector3;
 
 use crate::convert::{Mismatch, Recorded, pose_from, pose_to, time, vector_from, vector_to};
 use crate::convert_output::present;
+use crate::covariance::{covariance_from, fill_covariance};
 use crate::schema;
-
-/// Rows of the covariance, and numbers in its upper triangle.
-const N: usize = 15;
-const TRIANGLE: usize = N * (N + 1) / 2;
 
 /// Fills the message of a state, so that the memory of its covariance is used again.
 pub(crate) fn fill_state(message: &mut schema::NavState, step_ns: i64, state: &NavState) {
@@ -73,37 +70,6 @@ fn health_from(message: &schema::NavState) -> Result<EstimateHealth, Mismatch> {
         },
         HealthKind::Failed => EstimateHealth::Failed,
     })
-}
-
-fn is_symmetric_to_the_bit(matrix: &ErrorCovariance) -> bool {
-    (0..N).all(|i| (0..i).all(|j| matrix[(i, j)].to_bits() == matrix[(j, i)].to_bits()))
-}
-
-fn fill_covariance(numbers: &mut Vec<f64>, matrix: &ErrorCovariance) {
-    let symmetric = is_symmetric_to_the_bit(matrix);
-    numbers.clear();
-    for row in 0..N {
-        let first = if symmetric { row } else { 0 };
-        numbers.extend((first..N).map(|column| matrix[(row, column)]));
-    }
-}
-
-fn covariance_from(numbers: &[f64]) -> Result<ErrorCovariance, Mismatch> {
-    if numbers.len() == N * N {
-        return Ok(ErrorCovariance::from_row_slice(numbers));
-    }
-    if numbers.len() != TRIANGLE {
-        return Err(Mismatch::Covariance(numbers.len()));
-    }
-    let mut matrix = ErrorCovariance::zeros();
-    let mut rest = numbers.iter();
-    for row in 0..N {
-        for (column, value) in (row..N).zip(&mut rest) {
-            matrix[(row, column)] = *value;
-            matrix[(column, row)] = *value;
-        }
-    }
-    Ok(matrix)
 }
 
 /// Standard deviations of a state.

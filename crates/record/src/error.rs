@@ -90,6 +90,16 @@ pub enum RecordError {
         /// What to do.
         remedy: &'static str,
     },
+    /// An image cannot be understood.
+    #[error("`{path}` is not a depth image: {finding}; {remedy}", path = path.display())]
+    Image {
+        /// The file.
+        path: PathBuf,
+        /// What was found.
+        finding: String,
+        /// What to do.
+        remedy: &'static str,
+    },
     /// A key of a file is missing or cannot be understood.
     #[error("`{path}`, key `{key}`: {finding}; {remedy}", path = path.display())]
     Key {

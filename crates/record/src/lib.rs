@@ -1,4 +1,4 @@
-//! Recordings and foreign logs: MCAP, EuRoC folders, TUM trajectories.
+//! Recordings and foreign logs: MCAP, EuRoC and 7-Scenes folders, TUM trajectories.
 //!
 //! A [`Recorder`] writes what a vehicle sensed, what the stack made of it and, where it is known,
 //! the truth, into an MCAP file that Foxglove Studio, PlotJuggler and Python read. A
@@ -29,14 +29,18 @@ mod assemble;
 mod container;
 mod convert;
 mod convert_output;
+mod convert_seen;
 mod convert_state;
+mod covariance;
 mod draw;
+mod draw_seen;
 mod error;
 pub mod euroc;
 mod header;
 mod recorder;
 mod recording;
 mod schema;
+pub mod seven_scenes;
 mod sink;
 mod text;
 mod topic;

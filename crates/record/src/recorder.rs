@@ -10,6 +10,7 @@ use prost::Message;
 
 use crate::convert::{Recorded, fill_batch};
 use crate::convert_output::reference_to;
+use crate::convert_seen::{hindrance_to, plan_to};
 use crate::convert_state::fill_state;
 use crate::draw::{Person, SceneShape};
 use crate::recording::{LogLevel, TruthRecord};
@@ -126,6 +127,7 @@ impl<W: Write + Seek> Recorder<W> {
     /// When the file cannot be written.
     pub fn write_output(&mut self, output: &StackOutput) -> Result<(), RecordError> {
         self.write_estimate(output)?;
+        self.write_sights(output)?;
         self.write_decisions(output)?;
         self.write_command(output)?;
         self.view.write_output(&mut self.sink, output)
@@ -144,6 +146,36 @@ impl<W: Write + Seek> Recorder<W> {
         let fusions = output.fusions.iter().map(Recorded::to_message);
         self.fusions.fusions.extend(fusions);
         self.sink.write(Topic::Fusions, now, now, &self.fusions)
+    }
+
+    /// What was seen, planned and met, in the steps in which there is something to say.
+    fn write_sights(&mut self, output: &StackOutput) -> Result<(), RecordError> {
+        let now = output.time;
+        let time_ns = now.as_ns();
+        let measured = output.seen_at.unwrap_or(now);
+        if output.seen_at.is_some() || !output.detections.is_empty() {
+            let message = schema::Detections {
+                time_ns,
+                seen_at_ns: output.seen_at.map(Timestamp::as_ns),
+                detections: output.detections.iter().map(Recorded::to_message).collect(),
+            };
+            self.sink
+                .write(Topic::Detections, now, measured, &message)?;
+        }
+        if !output.obstacles.is_empty() {
+            let obstacles = output.obstacles.iter().map(Recorded::to_message).collect();
+            let message = schema::Obstacles { time_ns, obstacles };
+            self.sink.write(Topic::Obstacles, now, measured, &message)?;
+        }
+        if let Some(plan) = &output.plan {
+            let message = plan_to(time_ns, plan);
+            self.sink.write(Topic::Plan, now, plan.time, &message)?;
+        }
+        if let Some(hindrance) = output.hindrance {
+            let message = hindrance_to(time_ns, hindrance);
+            self.sink.write(Topic::Hindrance, now, now, &message)?;
+        }
+        Ok(())
     }
 
     fn write_decisions(&mut self, output: &StackOutput) -> Result<(), RecordError> {
@@ -226,6 +258,23 @@ impl<W: Write + Seek> Recorder<W> {
         people: impl IntoIterator<Item = Person>,
     ) -> Result<(), RecordError> {
         self.view.write_people(&mut self.sink, time, people)
+    }
+
+    /// Draws a U-depth map, five times a second at most, for viewers: the number of pixels at each
+    /// of `bins` distances, the nearest first, in each of `columns` columns of the image. A map of
+    /// another size than `columns * bins` is left out.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn write_u_depth(
+        &mut self,
+        time: Timestamp,
+        columns: usize,
+        bins: usize,
+        counts: &[u16],
+    ) -> Result<(), RecordError> {
+        self.view
+            .write_u_depth(&mut self.sink, time, [columns, bins], counts)
     }
 
     /// Writes an event in words.

@@ -49,6 +49,10 @@ topics! {
     Mode = "/mode", ours("FlightMode");
     Requests = "/requests", ours("Requests");
     Reference = "/reference", ours("Reference");
+    Detections = "/obstacles/detections", ours("Detections");
+    Obstacles = "/obstacles/tracks", ours("Obstacles");
+    Plan = "/plan", ours("Plan");
+    Hindrance = "/hindrance", ours("Hindrance");
     Guard = "/guard", ours("GuardReport");
     Command = "/command", ours("StepCommand");
     Truth = "/truth", ours("Truth");
@@ -59,6 +63,10 @@ topics! {
     PathTrue = "/path_true", fox::PosesInFrame::get_schema();
     Scene = "/scene", fox::SceneUpdate::get_schema();
     People = "/people", fox::SceneUpdate::get_schema();
+    SceneObstacles = "/scene/obstacles", fox::SceneUpdate::get_schema();
+    ScenePlan = "/scene/plan", fox::SceneUpdate::get_schema();
+    Annotations = "/camera/annotations", fox::ImageAnnotations::get_schema();
+    UDepth = "/u_depth", fox::RawImage::get_schema();
     Log = "/log", fox::Log::get_schema();
 }
 

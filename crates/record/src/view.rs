@@ -15,6 +15,7 @@ use crate::draw::{
     DEPTH_CAMERA, Person, SceneShape, WORLD, calibration, draw, entity, fox_pose, fox_vector,
     person, raw_image, stamp, transform,
 };
+use crate::draw_seen::{annotations, obstacle, plan, replace_all, u_depth_image};
 use crate::recording::{LogLevel, TruthRecord};
 use crate::sink::Sink;
 use crate::topic::Topic;
@@ -26,6 +27,9 @@ const BODY_TRUE: &str = "body_true";
 const POSE_HZ: f64 = 50.0;
 const SIGMA_HZ: f64 = 10.0;
 const PEOPLE_HZ: f64 = 10.0;
+const OBSTACLES_HZ: f64 = 10.0;
+const PLAN_HZ: f64 = 10.0;
+const U_DEPTH_HZ: f64 = 5.0;
 /// How often a path is written, whole: a viewer that jumps in time draws the last one it finds.
 const PATH_HZ: f64 = 1.0;
 /// Most points of a path; a longer one keeps every second point.
@@ -45,6 +49,11 @@ pub(crate) struct View {
     mounts_chunk: Option<u64>,
     scene: Option<fox::SceneEntity>,
     calibration_chunk: Option<u64>,
+    obstacles: Throttle,
+    plan: Throttle,
+    u_depth: Throttle,
+    /// Exposure of the last image that was written.
+    image: Option<Timestamp>,
 }
 
 impl Default for View {
@@ -60,6 +69,10 @@ impl Default for View {
             mounts_chunk: None,
             scene: None,
             calibration_chunk: None,
+            obstacles: Throttle::from_hz(OBSTACLES_HZ),
+            plan: Throttle::from_hz(PLAN_HZ),
+            u_depth: Throttle::from_hz(U_DEPTH_HZ),
+            image: None,
         }
     }
 }
@@ -90,7 +103,54 @@ impl View {
             };
             sink.write(Topic::Pose, now, now, &message)?;
         }
+        self.write_sights(sink, output)?;
         self.path.extend(sink, Topic::Path, now, pose)
+    }
+
+    /// Obstacles, boxes in the image, and the plan.
+    fn write_sights<W: Write + Seek>(
+        &mut self,
+        sink: &mut Sink<W>,
+        output: &StackOutput,
+    ) -> Result<(), RecordError> {
+        let now = output.time;
+        if let Some(seen_at) = output.seen_at {
+            if self.obstacles.due(now) {
+                let known = output.obstacles.iter();
+                let finite = known.filter(|o| o.centre_world.iter().all(|x| x.is_finite()));
+                let message = replace_all(now, finite.map(|o| obstacle(now, o)).collect());
+                sink.write(Topic::SceneObstacles, now, now, &message)?;
+            }
+            // Boxes without their image help nobody.
+            if self.image == Some(seen_at) {
+                let message = annotations(seen_at, &output.detections);
+                sink.write(Topic::Annotations, now, seen_at, &message)?;
+            }
+        }
+        match &output.plan {
+            Some(made) if self.plan.due(now) => {
+                let message = replace_all(now, vec![plan(now, made)]);
+                sink.write(Topic::ScenePlan, now, now, &message)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// A U-depth map.
+    pub fn write_u_depth<W: Write + Seek>(
+        &mut self,
+        sink: &mut Sink<W>,
+        time: Timestamp,
+        [columns, bins]: [usize; 2],
+        counts: &[u16],
+    ) -> Result<(), RecordError> {
+        if !self.u_depth.due(time) {
+            return Ok(());
+        }
+        match u_depth_image(time, columns, bins, counts) {
+            Some(message) => sink.write(Topic::UDepth, time, time, &message),
+            None => Ok(()),
+        }
     }
 
     /// Frame and path of the truth.
@@ -122,6 +182,7 @@ impl View {
             let message = calibration(image);
             sink.write(Topic::DepthCalibration, now, image.time, &message)?;
         }
+        self.image = Some(image.time);
         sink.write(Topic::Depth, now, image.time, &raw_image(image))
     }
 

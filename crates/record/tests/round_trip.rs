@@ -110,6 +110,22 @@ fn a_command_that_the_guard_changed_in_one_bit_is_told_apart() {
 }
 
 #[test]
+fn a_step_that_saw_nothing_is_not_one_that_did_not_look() {
+    let seen_at = |seen_at| {
+        Event::Output(Box::new(StackOutput {
+            seen_at,
+            ..StackOutput::default()
+        }))
+    };
+    let events = [
+        seen_at(None),
+        seen_at(Some(Timestamp::from_ns(-3))),
+        seen_at(None),
+    ];
+    assert_eq!(read_back(&events), events);
+}
+
+#[test]
 fn the_log_reads_back() {
     let entry = |ns, level, text: &str| {
         Event::Log(LogEntry {
@@ -188,6 +204,61 @@ fn viewing_messages_are_not_events_but_are_counted() {
     assert_eq!(summary.topics["/scene"].schema, "foxglove.SceneUpdate");
     assert_eq!(summary.topics["/command"].schema, "alula.StepCommand");
     assert_eq!(read(&path).len(), 800);
+}
+
+/// Records a second of flight in which every step of 200 Hz sees one obstacle and makes a plan, and
+/// every tenth brings the image; returns the number of messages of a topic.
+fn count_of_sights(topic: &str) -> u64 {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let mut recorder = Recorder::create(&path, &header()).unwrap();
+    let mut flight = SmoothFlight::new();
+    let (mut batch, mut output, mut truth) = Default::default();
+    let mut numbers = Numbers::plain(3);
+    for step in 0..SmoothFlight::RATE_HZ {
+        flight.next(&mut batch, &mut output, &mut truth);
+        output.seen_at = Some(batch.now);
+        output.detections = vec![made::detection(&mut numbers)];
+        output.obstacles = vec![made::obstacle(&mut numbers)];
+        output.plan = Some(made::plan(&mut numbers));
+        if step % 10 == 0 {
+            batch.depth = vec![made::depth(&mut numbers, batch.now)];
+        }
+        recorder.write_batch(&batch).unwrap();
+        recorder.write_output(&output).unwrap();
+        recorder
+            .write_u_depth(batch.now, 6, 2, &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 300, 11])
+            .unwrap();
+    }
+    recorder.finish().unwrap();
+    let summary = Recording::open(&path).unwrap().summary().unwrap();
+    assert!(summary.damage.is_empty());
+    summary.topics.get(topic).map_or(0, |t| t.messages)
+}
+
+#[test]
+fn obstacles_are_drawn_ten_times_a_second() {
+    assert_eq!(count_of_sights("/scene/obstacles"), 10);
+}
+
+#[test]
+fn plans_are_drawn_ten_times_a_second() {
+    assert_eq!(count_of_sights("/scene/plan"), 10);
+}
+
+#[test]
+fn boxes_are_drawn_over_the_images_that_are_in_the_recording() {
+    assert_eq!(count_of_sights("/camera/annotations"), 20);
+}
+
+#[test]
+fn u_depth_maps_are_drawn_five_times_a_second() {
+    assert_eq!(count_of_sights("/u_depth"), 5);
+}
+
+#[test]
+fn all_plans_are_recorded() {
+    assert_eq!(count_of_sights("/plan"), 200);
 }
 
 #[test]

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use alula_geometry::Timestamp;
-use alula_messages::{EstimateHealth, Mount, NavState, SensorBatch, StackOutput, Vehicle};
+use alula_messages::{
+    EstimateHealth, Hindrance, Mount, NavState, SensorBatch, StackOutput, Vehicle,
+};
 use alula_record::{Header, LogLevel, Recorder, TruthRecord};
 use alula_sim::world::World;
 use alula_sim::{Collision, SimulatedVehicle, Truth};
@@ -13,6 +15,9 @@ use alula_stack::{Stack, Stage};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use crate::belief::BeliefLog;
+use crate::encounters::{Contact, Encounters};
+use crate::failure;
 use crate::flight_log::{EstimationErrors, FlightLog};
 use crate::mission::Mission;
 use crate::scenario::StateSource;
@@ -61,6 +66,8 @@ pub struct FlightSummary {
     pub outcome: Outcome,
     /// Why, in words.
     pub reason: String,
+    /// What stopped the flight, a stable word for tables; `None` if it reached its end.
+    pub failure: Option<String>,
     /// Simulated time, s.
     pub duration_s: f64,
     /// True length of the path while airborne, m.
@@ -71,6 +78,14 @@ pub struct FlightSummary {
     pub min_clearance_m: Option<f64>,
     /// Number of collisions; the first ends the flight.
     pub collisions: u32,
+    /// Least true distance from the vehicle's centre to a person's ellipsoid while it flew, m.
+    pub min_person_distance_m: Option<f64>,
+    /// People who came nearer than allowed.
+    pub contacts: Vec<Contact>,
+    /// Those of them who came from outside the field of view.
+    pub unseen_contacts: u32,
+    /// Longest time of the way through the waypoints without leaving a ball of half a metre, s.
+    pub stalled_s: f64,
     /// True horizontal distance from the take-off point at the end, m.
     pub landing_distance_m: f64,
     /// Root mean square distance of the true position from the reference along the waypoints, m.
@@ -96,6 +111,8 @@ pub struct Flight {
     pub summary: FlightSummary,
     /// Its story.
     pub log: FlightLog,
+    /// What was believed in it; empty if it was not recorded.
+    pub belief: BeliefLog,
     /// Where it took place.
     pub world: Arc<World>,
 }
@@ -154,6 +171,9 @@ struct Run<'a> {
     batch: SensorBatch,
     /// Since when every request has been refused.
     refused_since: Option<Timestamp>,
+    encounters: Encounters,
+    /// The last thing that kept it from advancing, and when.
+    hindrance: Option<(Hindrance, Timestamp)>,
 }
 
 impl<'a> Run<'a> {
@@ -164,7 +184,11 @@ impl<'a> Run<'a> {
         vehicle: SimulatedVehicle,
         tape: Option<Tape>,
     ) -> Result<Self, RunError> {
+        let simulation = &scenario.config().simulation;
+        let depth = simulation.sensors.depth.as_ref();
         Ok(Self {
+            encounters: Encounters::new(simulation.contact_distance_m, depth),
+            hindrance: None,
             scenario,
             seed,
             world,
@@ -219,8 +243,10 @@ impl<'a> Run<'a> {
         self.decide();
         self.vehicle.command(&self.stack.output().command)?;
         self.note_refusals();
+        self.note_hindrance();
         let truth = true_record(&self.vehicle);
         self.log.push(self.stack.output(), &truth);
+        self.note_encounters(&truth);
         if let Some(tape) = &mut self.tape {
             tape.write(
                 &self.batch,
@@ -255,6 +281,20 @@ impl<'a> Run<'a> {
         }
     }
 
+    fn note_hindrance(&mut self) {
+        let output = self.stack.output();
+        if let Some(hindrance) = output.hindrance {
+            self.hindrance = Some((hindrance, output.time));
+        }
+    }
+
+    fn note_encounters(&mut self, truth: &TruthRecord) {
+        let airborne = self.log.airborne() && !self.vehicle.truth().on_ground;
+        let pose = &truth.world_from_body;
+        self.encounters
+            .push(&self.world, truth.time, pose, airborne);
+    }
+
     /// Whether the flight is over, how and why.
     fn verdict(&self) -> Option<(Outcome, String)> {
         let now = self.batch.now;
@@ -280,21 +320,33 @@ impl<'a> Run<'a> {
     }
 
     fn reason_of_abort(&self) -> String {
-        use crate::flight_log::EventKind;
-        let grave = |kind: &EventKind| match kind {
-            EventKind::Guard(fallback, _) => *fallback == self.log.worst_fallback,
-            EventKind::Refused(_) => true,
-            EventKind::Mode(_) => false,
-        };
-        let event = self.log.events.iter().find(|event| grave(&event.kind));
+        let event = failure::grave_event(&self.log);
         event.map_or("the mission ended early".to_owned(), |event| {
             format!("{} at {:.1} s", event.describe(), event.t_s)
         })
     }
 
+    /// What stopped the flight, in one word.
+    fn failure(&self, outcome: Outcome) -> Option<String> {
+        let word = match outcome {
+            Outcome::Reached => return None,
+            Outcome::Collision => {
+                failure::of_collision(self.vehicle.collision(), &self.encounters).to_owned()
+            }
+            Outcome::Timeout => {
+                failure::of_timeout(self.hindrance, self.batch.now, &self.log).to_owned()
+            }
+            Outcome::Aborted => failure::of_abort(&self.log),
+        };
+        Some(word)
+    }
+
     fn finish(self, outcome: Outcome, reason: String, wall_s: f64) -> Result<Flight, RunError> {
+        let failure = self.failure(outcome);
+        let mut belief = BeliefLog::default();
         if let Some(tape) = self.tape {
             tape.recorder.finish()?;
+            belief = tape.belief;
         }
         let duration_s = self.batch.now.as_s();
         let log = self.log;
@@ -302,11 +354,16 @@ impl<'a> Run<'a> {
             scenario: self.scenario.config().name.clone(),
             outcome,
             reason,
+            failure,
             duration_s,
             path_length_m: log.path_length_m,
             max_speed_m_s: log.max_speed_m_s,
             min_clearance_m: log.min_clearance_m,
             collisions: u32::from(outcome == Outcome::Collision),
+            min_person_distance_m: self.encounters.min_distance_m(),
+            unseen_contacts: self.encounters.unseen(),
+            contacts: self.encounters.contacts().to_vec(),
+            stalled_s: log.stalled_s,
             landing_distance_m: log.distance_from_start_m(),
             tracking_rmse_m: log.tracking_rmse_m(),
             guard: log.worst_fallback,
@@ -319,6 +376,7 @@ impl<'a> Run<'a> {
         Ok(Flight {
             summary,
             log,
+            belief,
             world: self.world,
         })
     }
@@ -327,6 +385,7 @@ impl<'a> Run<'a> {
 /// A recording that is being written.
 struct Tape {
     recorder: Recorder,
+    belief: BeliefLog,
     events_written: usize,
 }
 
@@ -345,6 +404,7 @@ impl Tape {
         }
         Ok(Self {
             recorder,
+            belief: BeliefLog::default(),
             events_written: 0,
         })
     }
@@ -360,6 +420,7 @@ impl Tape {
         self.recorder.write_batch(batch)?;
         self.recorder.write_output(output)?;
         self.recorder.write_truth(truth)?;
+        self.belief.push(batch, output, truth, world);
         self.recorder
             .write_people(batch.now, scene::people(world, batch.now))?;
         for event in &log.events[self.events_written..] {
@@ -397,7 +458,7 @@ fn true_record(vehicle: &SimulatedVehicle) -> TruthRecord {
 
 fn describe_collision(collision: &Collision) -> String {
     match collision {
-        Collision::Contact { time, what } => format!("hit {what} at {time}"),
+        Collision::Contact { time, what, .. } => format!("hit {what} at {time}"),
         Collision::HardLanding { time, speed_m_s } => {
             format!("hit the ground at {speed_m_s:.1} m/s at {time}")
         }

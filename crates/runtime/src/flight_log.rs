@@ -10,6 +10,9 @@ use serde::Serialize;
 /// Rate of the samples kept for plots, Hz.
 const SAMPLE_RATE_HZ: f64 = 50.0;
 
+/// A vehicle that stays within this distance of a place makes no progress, m.
+const STALL_RADIUS_M: f64 = 0.5;
+
 /// One instant of a flight, for plots.
 #[derive(Clone, Debug)]
 pub struct Sample {
@@ -120,6 +123,8 @@ pub struct FlightLog {
     pub max_speed_m_s: f64,
     /// Least true distance to the nearest thing while airborne, m.
     pub min_clearance_m: Option<f64>,
+    /// Longest time of the way through the waypoints within half a metre of one place, s.
+    pub stalled_s: f64,
     /// The gravest thing that the guard did.
     pub worst_fallback: Fallback,
     /// Measurements that met the filter, and how many of them were rejected.
@@ -130,6 +135,8 @@ pub struct FlightLog {
     fallback: Fallback,
     last_position: Option<Vector3<f64>>,
     first_position: Option<Vector3<f64>>,
+    /// Where it was when it last made progress, world, m, and when, s; on the way only.
+    last_progress: Option<(Vector3<f64>, f64)>,
     /// Sums of squares: position, velocity, tilt, yaw.
     squares: Vector4<f64>,
     counted: u64,
@@ -143,12 +150,25 @@ impl FlightLog {
         let start = *self.start.get_or_insert(output.time);
         let t_s = output.time.seconds_since(start);
         self.note_events(t_s, output);
-        self.note_motion(output, truth);
+        self.note_motion(truth);
+        self.note_progress(t_s, truth);
         self.note_errors(output, truth);
         if t_s >= self.next_sample_s {
             self.next_sample_s = t_s + 1.0 / SAMPLE_RATE_HZ - 1e-6;
             self.samples.push(sample(t_s, output, truth));
         }
+    }
+
+    /// Whether the mode of flight is one of those in the air.
+    pub fn airborne(&self) -> bool {
+        !matches!(self.mode, FlightMode::Disarmed | FlightMode::Armed)
+    }
+
+    /// How long it has now stayed in one place on the way through the waypoints, s.
+    pub fn standing_still_s(&self) -> f64 {
+        let now_s = self.duration_s();
+        self.last_progress
+            .map_or(0.0, |(_, since_s)| now_s - since_s)
     }
 
     /// Time since the first step, s.
@@ -207,11 +227,10 @@ impl FlightLog {
         self.fusions.1 += output.fusions.iter().filter(|f| !f.accepted()).count() as u64;
     }
 
-    fn note_motion(&mut self, output: &StackOutput, truth: &TruthRecord) {
+    fn note_motion(&mut self, truth: &TruthRecord) {
         let position = truth.world_from_body.translation.vector;
         self.first_position.get_or_insert(position);
-        let airborne = !matches!(output.mode, FlightMode::Disarmed | FlightMode::Armed);
-        if airborne {
+        if self.airborne() {
             let last = self.last_position.unwrap_or(position);
             self.path_length_m += (position - last).norm();
             let clearance = [self.min_clearance_m, truth.clearance_m];
@@ -219,6 +238,20 @@ impl FlightLog {
         }
         self.last_position = Some(position);
         self.max_speed_m_s = self.max_speed_m_s.max(truth.velocity_world.norm());
+    }
+
+    /// Measures how long it stays in one place while it should be on the way.
+    fn note_progress(&mut self, t_s: f64, truth: &TruthRecord) {
+        if self.mode != FlightMode::Flying {
+            self.last_progress = None;
+            return;
+        }
+        let position = truth.world_from_body.translation.vector;
+        let (place, since_s) = *self.last_progress.get_or_insert((position, t_s));
+        if (position - place).norm() > STALL_RADIUS_M {
+            self.last_progress = Some((position, t_s));
+        }
+        self.stalled_s = self.stalled_s.max(t_s - since_s);
     }
 
     fn note_errors(&mut self, output: &StackOutput, truth: &TruthRecord) {

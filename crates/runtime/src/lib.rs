@@ -1,9 +1,13 @@
 //! The only place with clocks and files: it reads scenarios, flies them against a simulated
 //! vehicle, replays recordings and runs estimators over real flights.
 
+pub mod belief;
+pub mod campaign;
 pub mod check;
 pub mod config;
+pub mod encounters;
 pub mod estimate;
+mod failure;
 pub mod flight;
 pub mod flight_log;
 pub mod flights;

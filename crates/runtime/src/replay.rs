@@ -10,6 +10,7 @@ use alula_sim::world::World;
 use alula_stack::Stack;
 use serde::Serialize;
 
+use crate::belief::BeliefLog;
 use crate::config::ConfigText;
 use crate::flight_log::FlightLog;
 use crate::scenario::StateSource;
@@ -164,6 +165,11 @@ fn first_difference(
         field("estimate", &a.state, &b.state),
         field("fusions", &a.fusions, &b.fusions),
         field("requests", &a.requests, &b.requests),
+        field("time of the image", &a.seen_at, &b.seen_at),
+        field("detections", &a.detections, &b.detections),
+        field("obstacles", &a.obstacles, &b.obstacles),
+        field("plan", &a.plan, &b.plan),
+        field("hindrance", &a.hindrance, &b.hindrance),
         field("mode", &a.mode, &b.mode),
         field("reference", &a.reference, &b.reference),
         field("requested command", &a.requested, &b.requested),
@@ -206,6 +212,8 @@ pub struct RecordedFlight {
     pub seed: u64,
     /// Its story; without recorded truth, the estimate stands in for it.
     pub log: FlightLog,
+    /// What was believed in it.
+    pub belief: BeliefLog,
     /// Where it took place.
     pub world: Arc<World>,
     /// Places where the recording is not whole.
@@ -222,7 +230,9 @@ pub fn read_flight(path: &Path) -> Result<RecordedFlight, RunError> {
     let scenario = recorded_scenario(path, &recording.header().config_toml, &[])?;
     let world = scenario.build_world(seed)?;
     let mut log = FlightLog::default();
+    let mut belief = BeliefLog::default();
     let mut damage = Vec::new();
+    let mut batch = SensorBatch::default();
     let mut output = None;
     for event in recording {
         match event? {
@@ -230,16 +240,19 @@ pub fn read_flight(path: &Path) -> Result<RecordedFlight, RunError> {
             Event::Truth(truth) => {
                 if let Some(output) = output.take() {
                     log.push(&output, &truth);
+                    belief.push(&batch, &output, &truth, &world);
                 }
             }
             Event::Damage(found) => damage.push(found.to_string()),
-            Event::Batch(_) | Event::Log(_) => {}
+            Event::Batch(next) => batch = next,
+            Event::Log(_) => {}
         }
     }
     Ok(RecordedFlight {
         scenario,
         seed,
         log,
+        belief,
         world,
         damage,
     })

@@ -1,5 +1,6 @@
 //! A scenario: the world, the vehicle in it, what it believes about itself, and what it is to do.
 
+use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,6 +21,9 @@ use crate::{ConfigError, RunError};
 
 /// The scenario that flies when none is named.
 const DEFAULT_SCENARIO: &str = include_str!("../../../scenarios/first-flight.toml");
+
+/// Nobody comes to where the vehicle takes off in this first time, s.
+const START_DESERTED_S: f64 = 5.0;
 
 /// Its name in messages.
 const DEFAULT_NAME: &str = "the built-in scenario";
@@ -45,6 +49,9 @@ parameters! {
         pub link: LinkConfig = LinkConfig::default(), nested();
         /// What the stack uses as its state.
         pub state: StateSource = StateSource::Estimated, any();
+        /// A person whose ellipsoid is nearer than this to the centre of the flying vehicle counts
+        /// as a contact (document L, section 7-2-1).
+        pub contact_distance_m: f64 = 0.4, within(0.0, 10.0);
         /// A flight that lasts longer has failed.
         pub time_limit_s: f64 = 300.0, within(1.0, 7200.0);
     }
@@ -159,7 +166,7 @@ impl Scenario {
     /// A world in which a vehicle of this radius has room where the mission leads.
     fn possible_world(&self, seed: u64, radius_m: f64) -> Result<World, WorldError> {
         let assets = |name: &str| {
-            let path = self.folder.join(name);
+            let path = self.folder.join(with_variables(name)?);
             fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))
         };
         let world = World::new(&self.config.world, seed, &assets)?;
@@ -176,6 +183,13 @@ impl Scenario {
             radius_m,
             "the hover after take-off",
         )?;
+        for (height_m, what) in [
+            (ground_m + radius_m, "the start"),
+            (height_m, "the hover after take-off"),
+        ] {
+            let place = Point3::new(x, y, height_m);
+            world.check_deserted(&place, radius_m, START_DESERTED_S, what)?;
+        }
         for (i, waypoint) in self.config.mission.waypoints_m.iter().enumerate() {
             world.check_free(
                 &Point3::from(*waypoint),
@@ -239,6 +253,23 @@ impl Scenario {
         model.airframe.mass_kg *= simulation.mass_factor;
         Ok(model)
     }
+}
+
+/// A file name in which every `${NAME}` is replaced by the environment variable of that name.
+pub(crate) fn with_variables(name: &str) -> Result<String, String> {
+    let mut parts = name.split("${");
+    let mut full = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let (variable, rest) = part
+            .split_once('}')
+            .ok_or_else(|| "`${` without `}`; write `${NAME}`".to_owned())?;
+        let value = env::var(variable).map_err(|_| {
+            format!("the environment variable `{variable}` is not set; set it to the folder meant")
+        })?;
+        full.push_str(&value);
+        full.push_str(rest);
+    }
+    Ok(full)
 }
 
 /// Reads a text file, with a message that names it.

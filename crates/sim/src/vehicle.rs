@@ -14,7 +14,7 @@ use crate::multirotor::{Multirotor, STEP_S, VehicleModel, Wrench};
 use crate::sensors::noise::derive_seed;
 use crate::sensors::{AutopilotSensing, MotorActivity, OwnSense, SensorSuite, SensorSuiteConfig};
 use crate::wind::{Wind, WindConfig};
-use crate::world::{Clearance, World};
+use crate::world::{Clearance, ThingId, World};
 
 /// Length of a step of the simulation.
 const STEP: TimeDelta = TimeDelta::from_ns(1_000_000);
@@ -108,6 +108,8 @@ pub enum Collision {
         /// When.
         time: Timestamp,
         /// What it touched.
+        thing: ThingId,
+        /// Its name.
         what: String,
     },
     /// The landing gear met the ground too fast.
@@ -251,8 +253,13 @@ impl SimulatedVehicle {
         self.clearance = clearance(&self.world, &self.truth, self.multirotor.config().radius_m);
         if let Some(touched) = self.clearance.filter(|c| c.distance_m < 0.0) {
             let time = self.truth.time;
-            let what = self.world.describe(touched.what).to_owned();
-            self.collide(Collision::Contact { time, what });
+            let thing = touched.what;
+            // Over a vehicle that stands on the ground people step.
+            if self.truth.on_ground && matches!(thing, ThingId::Person(_)) {
+                return;
+            }
+            let what = self.world.describe(thing).to_owned();
+            self.collide(Collision::Contact { time, thing, what });
         }
     }
 

@@ -6,6 +6,7 @@ use alula_estimation::{BuildError, Estimator, EstimatorConfig, FlowCalibration, 
 use alula_parameters::{ParameterError, Parameters, facts, parameters};
 use alula_safety::{GuardConfig, GuardVehicle};
 
+use crate::avoidance::AvoidanceConfig;
 use crate::guide::GuideConfig;
 
 facts! {
@@ -45,6 +46,8 @@ facts! {
         pub guide: GuideConfig, nested();
         /// From references to commands.
         pub control: GeometricConfig, nested();
+        /// Flight among obstacles; without it the vehicle flies blind through its waypoints.
+        pub avoidance: Option<AvoidanceConfig>, nested();
         /// The guard.
         pub guard: GuardConfig, nested();
     }

@@ -35,6 +35,8 @@ enum Plan {
     Rest,
     /// Standing still.
     Hover(Reference),
+    /// Where another part leads.
+    Led(Reference),
     /// Moving along a trajectory.
     Track {
         trajectory: Trajectory,
@@ -97,6 +99,46 @@ impl Guide {
         };
     }
 
+    /// Goes where another part leads, until the mode changes or something else is followed.
+    pub fn be_led(&mut self, reference: Reference) {
+        self.plan = Plan::Led(reference);
+    }
+
+    /// Goes back to a hover.
+    pub fn return_to(&mut self, hover: &Reference, now: Timestamp) {
+        let moving = self.reference(now).unwrap_or(*hover);
+        let planned = self.planner.plan(
+            &moving,
+            &[hover.position_world],
+            &self.config.limits,
+            YawPolicy::Hold,
+        );
+        self.plan = match planned {
+            Ok(trajectory) => Plan::Track {
+                trajectory,
+                start: now,
+            },
+            Err(_) => self.braking(now, &moving),
+        };
+    }
+
+    /// Where it stands, or comes to a stand.
+    pub fn hover(&self) -> Option<Reference> {
+        match &self.plan {
+            Plan::Hover(reference) => Some(*reference),
+            Plan::Track { trajectory, .. } => {
+                let end = trajectory.sample(trajectory.duration_s());
+                Some(Reference::hover(end.position_world, end.yaw_rad))
+            }
+            Plan::Rest | Plan::Led(_) | Plan::Descend { .. } => None,
+        }
+    }
+
+    /// Brings a motion to rest.
+    pub fn brake(&mut self, now: Timestamp, state: &NavState) {
+        self.stop(now, state);
+    }
+
     /// Adapts the plan to a change of mode. `take_off_height_m` is the height to climb to.
     pub fn enter(
         &mut self,
@@ -132,7 +174,7 @@ impl Guide {
                 Progress::Running
             }
             Plan::Track { .. } => Progress::Finished,
-            Plan::Rest | Plan::Hover(_) | Plan::Descend { .. } => Progress::Absent,
+            Plan::Rest | Plan::Hover(_) | Plan::Led(_) | Plan::Descend { .. } => Progress::Absent,
         }
     }
 
@@ -207,7 +249,7 @@ impl Plan {
     fn reference(&self, now: Timestamp, landing_speed_m_s: f64) -> Option<Reference> {
         match self {
             Self::Rest => None,
-            Self::Hover(reference) => Some(*reference),
+            Self::Hover(reference) | Self::Led(reference) => Some(*reference),
             Self::Track { trajectory, start } => Some(trajectory.sample(now.seconds_since(*start))),
             Self::Descend { across, start } => {
                 let level = across.reference(now, landing_speed_m_s)?;

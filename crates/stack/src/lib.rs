@@ -2,14 +2,16 @@
 //! every batch of sensor data. It is pure: time comes with the data, and equal inputs give equal
 //! bits.
 
+mod avoidance;
 mod config;
 mod guide;
 
+pub use avoidance::{Avoidance, AvoidanceConfig, ConductConfig};
 pub use config::{BodyConfig, EstimationConfig, StackConfig};
 pub use guide::{Guide, GuideConfig};
 
 use alula_control::geometric::GeometricController;
-use alula_control::modes::{FlightModes, Situation};
+use alula_control::modes::{FlightModes, Progress, Situation};
 use alula_estimation::Estimator;
 use alula_geometry::{Timestamp, so3};
 use alula_messages::{
@@ -19,11 +21,15 @@ use alula_messages::{
 use alula_parameters::ParameterError;
 use alula_safety::{Guard, GuardInput};
 
+use avoidance::Lead;
+
 /// A part of a step, for those who measure how long each takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Stage {
     /// Sensor data to state.
     Estimation,
+    /// Depth images to obstacles.
+    Perception,
     /// Requests, modes and the reference.
     Guidance,
     /// Reference and state to a command.
@@ -34,12 +40,19 @@ pub enum Stage {
 
 impl Stage {
     /// All stages in the order in which they run.
-    pub const ALL: [Self; 4] = [Self::Estimation, Self::Guidance, Self::Control, Self::Guard];
+    pub const ALL: [Self; 5] = [
+        Self::Estimation,
+        Self::Perception,
+        Self::Guidance,
+        Self::Control,
+        Self::Guard,
+    ];
 
     /// Name for tables and JSON.
     pub fn name(self) -> &'static str {
         match self {
             Self::Estimation => "estimation",
+            Self::Perception => "perception",
             Self::Guidance => "guidance",
             Self::Control => "control",
             Self::Guard => "guard",
@@ -52,6 +65,7 @@ pub struct Stack {
     estimator: Box<dyn Estimator>,
     modes: FlightModes,
     guide: Guide,
+    avoidance: Option<Avoidance>,
     controller: GeometricController,
     guard: Guard,
     ground_range: GroundRange,
@@ -68,8 +82,11 @@ impl Stack {
     /// # Errors
     /// When a parameter is outside its range.
     pub fn new(config: &StackConfig) -> Result<Self, ParameterError> {
-        let guard =
+        let mut guard =
             Guard::new(&config.guard, &config.body.for_guard()).map_err(|e| e.under("guard"))?;
+        if config.avoidance.is_some() {
+            guard.expect_depth();
+        }
         let mut output = StackOutput::default();
         // The first findings of a flight must not wait for memory.
         output
@@ -83,6 +100,12 @@ impl Stack {
                 .map_err(|e| e.under("estimation"))?,
             modes: FlightModes::new(&config.modes).map_err(|e| e.under("modes"))?,
             guide: Guide::new(&config.guide).map_err(|e| e.under("guide"))?,
+            avoidance: match &config.avoidance {
+                Some(avoidance) => {
+                    Some(Avoidance::new(avoidance).map_err(|e| e.under("avoidance"))?)
+                }
+                None => None,
+            },
             controller: GeometricController::new(&config.control, &config.body.for_control())
                 .map_err(|e| e.under("control"))?,
             guard,
@@ -103,6 +126,11 @@ impl Stack {
     /// The result of the last step.
     pub fn output(&self) -> &StackOutput {
         &self.output
+    }
+
+    /// The part that sees and avoids, if there is one.
+    pub fn avoidance(&self) -> Option<&Avoidance> {
+        self.avoidance.as_ref()
     }
 
     /// One step: everything that follows from a batch of sensor data.
@@ -143,8 +171,11 @@ impl Stack {
     fn decide(&mut self, batch: &SensorBatch, done: &mut dyn FnMut(Stage)) -> &StackOutput {
         self.output.time = batch.now;
         self.observe(batch);
+        self.perceive(batch);
+        done(Stage::Perception);
         self.handle_requests();
         self.advance_mode();
+        self.lead();
         done(Stage::Guidance);
         self.control();
         done(Stage::Control);
@@ -164,6 +195,12 @@ impl Stack {
         }
     }
 
+    fn perceive(&mut self, batch: &SensorBatch) {
+        if let Some(avoidance) = &mut self.avoidance {
+            avoidance.observe(batch, &mut self.output);
+        }
+    }
+
     fn handle_requests(&mut self) {
         self.output.requests.clear();
         for intent in std::mem::take(&mut self.requests) {
@@ -179,6 +216,11 @@ impl Stack {
         self.request_of_modes(intent)?;
         match intent {
             Intent::TakeOff { height_m } => self.take_off_height_m = *height_m,
+            Intent::Fly { waypoints_world } if self.avoidance.is_some() => {
+                if let Some(avoidance) = &mut self.avoidance {
+                    avoidance.fly(waypoints_world);
+                }
+            }
             Intent::Fly { waypoints_world } => {
                 let now = self.output.time;
                 let planned = self
@@ -200,7 +242,7 @@ impl Stack {
     fn request_of_modes(&mut self, intent: &Intent) -> Result<(), Refusal> {
         let situation = situation(
             &self.output,
-            &self.guide,
+            self.progress(),
             self.ground_range,
             self.thrust_fraction,
         );
@@ -210,7 +252,7 @@ impl Stack {
     fn advance_mode(&mut self) {
         let situation = situation(
             &self.output,
-            &self.guide,
+            self.progress(),
             self.ground_range,
             self.thrust_fraction,
         );
@@ -222,7 +264,28 @@ impl Stack {
         self.guide
             .enter(mode, now, &self.output.state, self.take_off_height_m);
         self.output.mode = mode;
+    }
+
+    /// Decides who says where the vehicle should be, and asks.
+    fn lead(&mut self) {
+        let now = self.output.time;
+        if let Some(avoidance) = &mut self.avoidance {
+            match avoidance.advance(&mut self.output, self.guide.hover()) {
+                Lead::Guide => {}
+                Lead::Follow(reference) => self.guide.be_led(reference),
+                Lead::Return(hover) => self.guide.return_to(&hover, now),
+                Lead::Over => self.guide.brake(now, &self.output.state),
+            }
+        }
         self.output.reference = self.guide.reference(now);
+    }
+
+    /// How far the vehicle is on its way, whoever leads.
+    fn progress(&self) -> Progress {
+        match &self.avoidance {
+            Some(avoidance) if avoidance.is_flying() => Progress::Running,
+            _ => self.guide.progress(self.output.time),
+        }
     }
 
     fn control(&mut self) {
@@ -294,7 +357,7 @@ impl GroundRange {
 
 fn situation<'a>(
     output: &'a StackOutput,
-    guide: &Guide,
+    trajectory: Progress,
     ground_range: GroundRange,
     thrust_fraction: f64,
 ) -> Situation<'a> {
@@ -303,7 +366,7 @@ fn situation<'a>(
         state: &output.state,
         height_above_ground_m: ground_range.height_m(&output.state, output.time),
         thrust_fraction,
-        trajectory: guide.progress(output.time),
+        trajectory,
         guard: output.guard.fallback,
     }
 }

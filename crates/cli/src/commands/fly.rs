@@ -7,6 +7,7 @@ use alula_runtime::{RunError, Scenario};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Outcome, Verdict, print_json};
+use crate::belief::BeliefFigures;
 use crate::figures::{self, FlightFigures};
 use crate::words;
 
@@ -46,9 +47,7 @@ pub fn run(arguments: &Arguments) -> Outcome {
     };
     let bar = progress_bar(arguments.json);
     let flight = flight::fly(&scenario, arguments.seed, &record_to, &mut |progress| {
-        if (progress.t_s * 10.0).fract() < 0.05 {
-            show(&bar, progress);
-        }
+        show_now_and_then(&bar, progress);
     })?;
     bar.finish_and_clear();
     if let Some(folder) = &folder {
@@ -58,6 +57,7 @@ pub fn run(arguments: &Arguments) -> Outcome {
         print_json(&flight.summary);
     } else {
         words::print(&flight.summary);
+        words::print_sights(&flight.belief);
         if let Some(folder) = &folder {
             print_where(folder);
         }
@@ -80,7 +80,11 @@ fn output_folder(arguments: &Arguments, scenario: &Scenario) -> Result<Option<Pa
     Ok(Some(folder))
 }
 
-fn write_report(folder: &Path, scenario: &Scenario, flight: &Flight) -> Result<(), RunError> {
+pub(super) fn write_report(
+    folder: &Path,
+    scenario: &Scenario,
+    flight: &Flight,
+) -> Result<(), RunError> {
     let summary = &flight.summary;
     let subtitle = format!(
         "seed {}: {}, {}",
@@ -94,7 +98,13 @@ fn write_report(folder: &Path, scenario: &Scenario, flight: &Flight) -> Result<(
         &flight.log,
         &flight.world,
         &scenario.config().mission.waypoints_m,
-    );
+    )
+    .with_belief(BeliefFigures::of_flight(
+        scenario,
+        &flight.belief,
+        &flight.log,
+        &flight.world,
+    ));
     let page = figures.page(
         words::cards(summary),
         vec![words::timing_table(summary)],
@@ -105,7 +115,7 @@ fn write_report(folder: &Path, scenario: &Scenario, flight: &Flight) -> Result<(
     alula_runtime::write_file(&folder.join("summary.json"), &json)
 }
 
-fn print_where(folder: &Path) {
+pub(super) fn print_where(folder: &Path) {
     println!("\n  report     {}", folder.join("report.html").display());
     println!("  picture    {}", folder.join("report.png").display());
     println!(
@@ -114,7 +124,7 @@ fn print_where(folder: &Path) {
     );
 }
 
-fn progress_bar(quiet: bool) -> ProgressBar {
+pub(super) fn progress_bar(quiet: bool) -> ProgressBar {
     if quiet {
         return ProgressBar::hidden();
     }
@@ -123,6 +133,13 @@ fn progress_bar(quiet: bool) -> ProgressBar {
         bar.set_style(style);
     }
     bar
+}
+
+/// Ten times a simulated second.
+pub(super) fn show_now_and_then(bar: &ProgressBar, progress: &flight::Progress) {
+    if (progress.t_s * 10.0).fract() < 0.05 {
+        show(bar, progress);
+    }
 }
 
 fn show(bar: &ProgressBar, progress: &flight::Progress) {

@@ -1,5 +1,6 @@
 //! The commands, one file each: what they accept, what they do, what they print.
 
+pub mod campaign;
 pub mod check;
 pub mod estimate;
 pub mod fly;

@@ -3,10 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use alula_runtime::RunError;
+use alula_runtime::campaign::{self, Campaign};
 use alula_runtime::flights::{FlightRow, read_rows};
 use alula_runtime::replay::read_flight;
 
 use super::{Outcome, Verdict};
+use crate::belief::BeliefFigures;
+use crate::campaign_page;
 use crate::figures::{self, FlightFigures};
 use crate::page::{Fact, Page, PageFigure, Row, Span, Status, Table};
 use crate::plot::{Bar, Bars, Colour, Panel};
@@ -14,7 +17,7 @@ use crate::plot::{Bar, Bars, Colour, Panel};
 /// Draw what happened in a flight, or tabulate many flights.
 ///
 /// A folder with flight.mcap gets report.html and report.png, drawn from the recording alone. A
-/// folder of such folders gets a report.html with a table of all flights.
+/// folder of such folders, or of a campaign, gets a report.html with a table of its flights.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// Folder of a flight, or of many.
@@ -28,6 +31,8 @@ pub fn run(arguments: &Arguments) -> Outcome {
     let recording = folder.join("flight.mcap");
     if recording.is_file() {
         report_flight(folder, &recording)?;
+    } else if campaign::is_campaign(folder) {
+        report_campaign(folder)?;
     } else {
         report_flights(folder)?;
     }
@@ -44,7 +49,13 @@ fn report_flight(folder: &Path, recording: &Path) -> Result<(), RunError> {
         &flight.log,
         &flight.world,
         &config.mission.waypoints_m,
-    );
+    )
+    .with_belief(BeliefFigures::of_flight(
+        &flight.scenario,
+        &flight.belief,
+        &flight.log,
+        &flight.world,
+    ));
     let log = &flight.log;
     let errors = log.estimation_errors();
     let fact = |label: &str, value: String| Fact {
@@ -99,6 +110,12 @@ fn events_table(log: &alula_runtime::flight_log::FlightLog) -> Table {
             .collect(),
         caption: String::new(),
     }
+}
+
+fn report_campaign(folder: &Path) -> Result<(), RunError> {
+    let campaign = Campaign::open(folder)?;
+    let page = campaign_page::page(&campaign, &campaign.rows()?);
+    alula_runtime::write_file(&folder.join("report.html"), page.to_html().as_bytes())
 }
 
 fn report_flights(folder: &Path) -> Result<(), RunError> {

@@ -30,6 +30,8 @@ pub enum Glyph {
     Start,
     /// A square.
     End,
+    /// A small dot, such as a mark of time on a path.
+    Dot,
     /// A cross: something went wrong, or was prevented.
     Cross,
 }
@@ -276,6 +278,10 @@ fn draw_glyph(canvas: &mut Canvas, point: &MapPoint, [x, y]: Px) {
                 [x - r, y + r],
             ];
             canvas.polygon(&corners, filled(Colour::Ink), Some(rim), &point.label);
+        }
+        Glyph::Dot => {
+            let (brush, pen) = (Brush::solid(Paint::PAPER), Pen::solid(Paint::MUTED, 1.0));
+            canvas.circle([x, y], 0.4 * GLYPH, Some(brush), Some(pen), &point.label);
         }
         Glyph::Cross => {
             let r = GLYPH;

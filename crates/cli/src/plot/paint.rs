@@ -96,6 +96,14 @@ pub enum Fill {
     Margin,
     /// A person.
     Person,
+    /// A thing that the vehicle believes to stand.
+    BelievedStill,
+    /// A thing that the vehicle believes to move.
+    BelievedMoving,
+    /// A thing that the vehicle remembers and does not see, or knows too little of.
+    BelievedUnseen,
+    /// Bounds of where the centre of a thing may be.
+    Uncertainty,
     /// The border of the permitted volume.
     Geofence,
 }
@@ -112,11 +120,15 @@ pub(super) struct FillLook {
 
 impl Fill {
     /// All fills, from the one drawn first to the one drawn last.
-    pub const ALL: [Fill; 5] = [
+    pub const ALL: [Fill; 9] = [
         Fill::Ground,
         Fill::Margin,
         Fill::Obstacle,
         Fill::Person,
+        Fill::BelievedStill,
+        Fill::BelievedMoving,
+        Fill::BelievedUnseen,
+        Fill::Uncertainty,
         Fill::Geofence,
     ];
 
@@ -138,6 +150,19 @@ impl Fill {
                 Colour::Purple.paint(),
                 "",
             ),
+            Fill::BelievedStill => {
+                let edge = Colour::Vermillion.paint();
+                ("believed to stand", edge, 0.12, edge, "")
+            }
+            Fill::BelievedMoving => {
+                let edge = Colour::Orange.paint();
+                ("believed to move", edge, 0.3, edge, "")
+            }
+            Fill::BelievedUnseen => {
+                let edge = Colour::Grey.paint();
+                ("remembered, not seen", edge, 0.1, edge, "3 2")
+            }
+            Fill::Uncertainty => ("2 sigma of its place", Paint::INK, 0.0, Paint::INK, "1.5 2"),
             Fill::Geofence => {
                 let edge = Colour::Green.paint();
                 ("geofence", edge, 0.0, edge, "7 4")

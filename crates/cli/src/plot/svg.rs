@@ -275,6 +275,17 @@ impl Canvas {
         );
     }
 
+    /// A PNG picture that fills `area`, its pixels kept sharp.
+    pub fn image(&mut self, area: Rect, png: &[u8]) {
+        let [x, y, w, h] = [area.x, area.y, area.width, area.height].map(px);
+        let _ = writeln!(
+            self.body,
+            "<image x=\"{x}\" y=\"{y}\" width=\"{w}\" height=\"{h}\" preserveAspectRatio=\"none\" \
+             image-rendering=\"pixelated\" href=\"data:image/png;base64,{}\"/>",
+            base64(png)
+        );
+    }
+
     /// Clips what `draw` adds to `area`, which needs no identifier that other figures of a page
     /// might use as well.
     pub fn clipped(&mut self, area: Rect, draw: impl FnOnce(&mut Canvas)) {
@@ -340,6 +351,21 @@ fn look(brush: Option<Brush>, pen: Option<Pen>) -> String {
     format!(" class=\"{}\"{colours}", classes.join(" "))
 }
 
+/// Bytes as text: six bits a letter, `=` where the last group is short (RFC 4648, section 4).
+fn base64(bytes: &[u8]) -> String {
+    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for group in bytes.chunks(3) {
+        let byte = |i: usize| u32::from(group.get(i).copied().unwrap_or(0));
+        let bits = byte(0) << 16 | byte(1) << 8 | byte(2);
+        for i in 0..4 {
+            let letter = LETTERS[(bits >> (18 - 6 * i) & 63) as usize];
+            text.push(if i <= group.len() { letter.into() } else { '=' });
+        }
+    }
+    text
+}
+
 /// A length in pixels with at most two decimals.
 fn px(value: f64) -> String {
     let text = format!("{value:.2}");
@@ -380,6 +406,17 @@ mod tests {
             escape("<b a=\"1\">&'\u{1}"),
             "&lt;b a=&quot;1&quot;&gt;&amp;&#39;\u{fffd}"
         );
+    }
+
+    #[test]
+    fn bytes_are_spelled_as_the_standard_says() {
+        // RFC 4648, section 10.
+        let spelled =
+            ["", "f", "fo", "foo", "foob", "fooba", "foobar"].map(|s| base64(s.as_bytes()));
+        let expected = [
+            "", "Zg==", "Zm8=", "Zm9v", "Zm9vYg==", "Zm9vYmE=", "Zm9vYmFy",
+        ];
+        assert_eq!(spelled, expected);
     }
 
     #[test]

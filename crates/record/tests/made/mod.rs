@@ -7,7 +7,7 @@ use std::sync::Arc;
 use alula_geometry::{PinholeCamera, Pose, Timestamp, so3};
 use alula_messages::*;
 use alula_record::{Event, TruthRecord};
-use nalgebra::{Translation3, Vector2, Vector3};
+use nalgebra::{SMatrix, Translation3, Vector2, Vector3};
 
 /// Numbers without pattern (SplitMix64), now and then a special one.
 pub struct Numbers {
@@ -92,7 +92,7 @@ fn range(n: &mut Numbers) -> RangeSample {
     }
 }
 
-fn depth(n: &mut Numbers) -> Arc<DepthImage> {
+pub fn depth(n: &mut Numbers, time: Timestamp) -> Arc<DepthImage> {
     let camera = PinholeCamera {
         width_px: 6,
         height_px: 4,
@@ -102,7 +102,7 @@ fn depth(n: &mut Numbers) -> Arc<DepthImage> {
         cy_px: n.number(),
     };
     Arc::new(DepthImage {
-        time: n.time(),
+        time,
         camera,
         body_from_camera: n.pose(),
         depth_mm: (0..24).map(|_| n.bits() as u16).collect(),
@@ -130,7 +130,10 @@ pub fn batch(n: &mut Numbers, now: Timestamp) -> SensorBatch {
             time: n.time(),
             world_from_body: n.pose(),
         }),
-        depth: n.some(depth),
+        depth: n.some(|n| {
+            let time = n.time();
+            depth(n, time)
+        }),
         autopilot: n.some(|n| AutopilotStatus {
             time: n.time(),
             armed: n.below(2) == 0,
@@ -269,6 +272,7 @@ fn finding(n: &mut Numbers) -> Finding {
             ImuLost,
             FlowLost,
             RangeLost,
+            DepthLost,
         ]),
         found: n.number(),
         limit: n.number(),
@@ -308,6 +312,121 @@ fn command(n: &mut Numbers) -> Command {
     n.pick(&[Command::Disarm, Command::Idle, attitude, tilt, torque])
 }
 
+fn covariance<const N: usize>(n: &mut Numbers) -> SMatrix<f64, N, N> {
+    let mut covariance = SMatrix::<f64, N, N>::from_fn(|_, _| n.number());
+    if n.below(2) == 0 {
+        covariance.fill_lower_triangle_with_upper_triangle();
+    }
+    covariance
+}
+
+fn coin(n: &mut Numbers) -> bool {
+    n.below(2) == 0
+}
+
+fn footprint(n: &mut Numbers) -> Footprint {
+    n.pick(&[Footprint::Round, Footprint::Flat])
+}
+
+pub fn detection(n: &mut Numbers) -> Detection {
+    Detection {
+        centre_world: n.vector(),
+        yaw_rad: n.number(),
+        size_m: n.vector(),
+        footprint: footprint(n),
+        centre_covariance: covariance(n),
+        size_variance_m2: n.vector(),
+        cut: Cut {
+            left: coin(n),
+            right: coin(n),
+            top: coin(n),
+            bottom: coin(n),
+        },
+        window: PixelBox {
+            left: n.bits() as u16,
+            right: n.bits() as u16,
+            top: n.bits() as u16,
+            bottom: n.bits() as u16,
+        },
+        depth_m: [n.number(), n.number()],
+        pixels: n.bits() as u32,
+    }
+}
+
+pub fn obstacle(n: &mut Numbers) -> Obstacle {
+    Obstacle {
+        id: n.bits() as u32,
+        time: n.time(),
+        centre_world: n.vector(),
+        velocity_world: n.vector(),
+        covariance: covariance(n),
+        yaw_rad: n.number(),
+        size_m: n.vector(),
+        size_variance_m2: n.vector(),
+        footprint: footprint(n),
+        motion: n.pick(&[
+            ObstacleMotion::Undecided,
+            ObstacleMotion::Static,
+            ObstacleMotion::Moving,
+        ]),
+        sight: n.pick(&[Sight::Seen, Sight::Hidden, Sight::OutOfView, Sight::Missed]),
+        last_seen: n.time(),
+        images: n.bits() as u32,
+    }
+}
+
+fn plan_point(n: &mut Numbers) -> PlanPoint {
+    PlanPoint {
+        position_world: n.vector(),
+        velocity_world: n.vector(),
+        acceleration_world: n.vector(),
+        yaw_rad: n.number(),
+        yaw_rate_rad_s: n.number(),
+        position_covariance: covariance(n),
+    }
+}
+
+pub fn plan(n: &mut Numbers) -> Plan {
+    // Gaps among the obstacles, and a rest without.
+    let known = n.below(PLAN_OBSTACLES as u64 + 1) as usize;
+    let mut obstacles = [NO_OBSTACLE; PLAN_OBSTACLES];
+    for id in &mut obstacles[..known] {
+        *id = n.pick(&[7, 0, NO_OBSTACLE]);
+    }
+    Plan {
+        time: n.time(),
+        interval_s: n.number(),
+        points: std::array::from_fn(|_| plan_point(n)),
+        target_world: n.vector(),
+        exit: n.pick(&[
+            PlanExit::Converged,
+            PlanExit::IterationLimit,
+            PlanExit::NoProgress,
+            PlanExit::Failed,
+        ]),
+        iterations: n.bits() as u32,
+        cost: n.number(),
+        max_violation_m: n.number(),
+        obstacles,
+    }
+}
+
+fn hindrance(n: &mut Numbers) -> Hindrance {
+    let hindrances = [
+        Hindrance::DepthStale { age_s: n.number() },
+        Hindrance::EstimateJumped { jump_m: n.number() },
+        Hindrance::PlannerFailed,
+        Hindrance::GoalBlocked {
+            obstacle: n.bits() as u32,
+        },
+        Hindrance::NoRoute,
+        Hindrance::Stalled {
+            since_s: n.number(),
+        },
+    ];
+    n.pick(&hindrances)
+}
+
 /// An output with all kinds of parts.
 pub fn output(n: &mut Numbers, time: Timestamp) -> StackOutput {
     let requested = command(n);
@@ -317,6 +436,11 @@ pub fn output(n: &mut Numbers, time: Timestamp) -> StackOutput {
         fusions: n.some(fusion),
         mode: mode(n),
         requests: n.some(request),
+        seen_at: n.some(Numbers::time).pop(),
+        detections: n.some(detection),
+        obstacles: n.some(obstacle),
+        plan: n.some(plan).pop(),
+        hindrance: n.some(hindrance).pop(),
         reference: n.some(reference).pop(),
         requested,
         guard: guard(n),
@@ -325,7 +449,6 @@ pub fn output(n: &mut Numbers, time: Timestamp) -> StackOutput {
         } else {
             command(n)
         },
-        ..StackOutput::default()
     }
 }
 

@@ -189,7 +189,7 @@ fn touching_an_obstacle_is_a_collision_that_stays() {
         world("obstacles = [{ kind = \"cylinder\", centre_m = [4.0, 0.0], radius_m = 0.3 }]");
     let mut vehicle = vehicle(&world, &blind(setup()), 1);
     fly(&mut vehicle, 12.0, towards(Vector3::new(8.0, 0.0, 1.5)));
-    let Some(Collision::Contact { time, what }) = vehicle.collision() else {
+    let Some(Collision::Contact { time, what, .. }) = vehicle.collision() else {
         panic!("{:?}", vehicle.collision());
     };
     assert_eq!(what, "cylinder 1");
@@ -239,4 +239,29 @@ fn a_pitched_vehicle_flies_forward() {
         velocity_world.y > 1.0 && velocity_world.x.abs() < 0.3,
         "{velocity_world}"
     );
+}
+
+#[test]
+fn people_step_over_a_vehicle_that_stands_on_the_ground() {
+    let world =
+        world("[[people]]\nwaypoints_m = [[-1.0, 0.0], [3.0, 0.0]]\nsemi_axes_m = [0.4, 0.4, 0.9]");
+    let mut vehicle = vehicle(&world, &blind(setup()), 1);
+    let mut nearest_m = f64::INFINITY;
+    for _ in 0..250 {
+        fly(&mut vehicle, 0.004, |_| Command::Disarm);
+        nearest_m = nearest_m.min(vehicle.clearance().unwrap().distance_m);
+    }
+    assert!(nearest_m < 0.0, "{nearest_m}");
+    assert_eq!(vehicle.collision(), None);
+}
+
+#[test]
+fn a_person_who_walks_into_a_flying_vehicle_is_a_collision() {
+    let world = world("[[people]]\nwaypoints_m = [[8.0, 0.0], [-8.0, 0.0]]");
+    let mut vehicle = vehicle(&world, &blind(setup()), 1);
+    fly(&mut vehicle, 8.0, towards(Vector3::new(0.0, 0.0, 1.2)));
+    assert!(matches!(
+        vehicle.collision(),
+        Some(Collision::Contact { thing: ThingId::Person(0), what, .. }) if what == "person 1"
+    ));
 }

@@ -10,6 +10,7 @@ use super::{
     Assets, BoxConfig, CylinderConfig, Material, Mesh, MeshConfig, Obstacle, ObstacleConfig, Shape,
     SphereConfig, WallConfig, WorldConfig, WorldError, generate, tracks,
 };
+use crate::sensors::noise::Noise;
 
 /// The things that a config lists one by one.
 pub(super) fn obstacles(
@@ -128,19 +129,31 @@ fn mesh_from(
 }
 
 /// All people of a config, walkers first; names count them from 1.
-pub(super) fn people(config: &WorldConfig, assets: &Assets<'_>) -> Result<Vec<Person>, WorldError> {
+///
+/// Every walker and every file of tracks draws its start from a source of its own, so that one
+/// more does not change the others.
+pub(super) fn people(
+    config: &WorldConfig,
+    seed: u64,
+    assets: &Assets<'_>,
+) -> Result<Vec<Person>, WorldError> {
+    let drawn_s = |spread_s: f64, name: String| spread_s * Noise::new(seed, &name).uniform();
     let mut people = Vec::new();
     for (i, walker) in config.people.iter().enumerate() {
+        let mut walker = walker.clone();
+        walker.start_s += drawn_s(walker.start_spread_s, format!("start of person {i}"));
         people.push(Person {
             name: format!("person {}", people.len() + 1),
             semi_axes_m: Vector3::from(walker.semi_axes_m),
-            motion: Motion::Loop(Loop::new(walker, &format!("world.people[{i}]"))?),
+            motion: Motion::Loop(Loop::new(&walker, &format!("world.people[{i}]"))?),
         });
     }
     for (i, recorded) in config.tracks.iter().enumerate() {
         let key = format!("world.tracks[{i}]");
+        let mut recorded = recorded.clone();
+        recorded.start_s += drawn_s(recorded.start_spread_s, format!("start of tracks {i}"));
         let bytes = load(&recorded.file, &format!("{key}.file"), assets)?;
-        for (id, track) in tracks::read(recorded, &bytes, &key)? {
+        for (id, track) in tracks::read(&recorded, &bytes, &key)? {
             people.push(Person {
                 name: format!("person {} (track {id})", people.len() + 1),
                 semi_axes_m: Vector3::from(recorded.semi_axes_m),

@@ -154,6 +154,8 @@ parameters! {
         pub speed_m_s: f64 = 1.2, within(0.0, 10.0);
         /// How long the person has been walking at the start of the simulation, s.
         pub start_s: f64 = 0.0, finite();
+        /// Added to `start_s`: a time drawn from 0 to this for every seed and person.
+        pub start_spread_s: f64 = 0.0, within(0.0, 1e6);
         /// Semi-axes of the ellipsoid: forward, sideways, up, m.
         pub semi_axes_m: [f64; 3] = PERSON_SEMI_AXES_M, within(0.05, 5.0);
     }
@@ -179,7 +181,12 @@ parameters! {
         pub ids: Option<Vec<u64>> = None, any();
         /// Time of the recording at the start of the simulation, s.
         pub start_s: f64 = 0.0, finite();
-        /// Added to the recorded places, m.
+        /// Added to `start_s`: a time drawn from 0 to this for every seed, the same for all people
+        /// of the file.
+        pub start_spread_s: f64 = 0.0, within(0.0, 1e6);
+        /// Rotation of the recorded places about their origin, counter-clockwise.
+        pub yaw_deg: f64 = 0.0, within(-360.0, 360.0);
+        /// Added to the rotated places, m.
         pub offset_m: [f64; 2] = [0.0; 2], within(-FAR_M, FAR_M);
         /// What happens when the recording ends.
         pub after_end: AfterEnd = AfterEnd::Vanish, any();
@@ -211,6 +218,9 @@ parameters! {
         pub goal_m: Option<[f64; 2]> = None, within(-FAR_M, FAR_M);
         /// Distance from start and goal to the nearest trunk's surface, m.
         pub clear_radius_m: f64 = 2.0, within(0.0, 1000.0);
+        /// Trunks stand nowhere where anybody walks in this first time of the simulation, s, and a
+        /// trunk that then finds no place is left out; people walk through trunks if absent.
+        pub clear_of_people_s: Option<f64> = None, within(0.0, 7200.0);
         /// Surface.
         pub material: Material = Material::Bark, any();
     }

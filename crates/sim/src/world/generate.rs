@@ -6,6 +6,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 
 use super::config::{Ceiling, CorridorConfig, ForestConfig, RoomConfig};
+use super::people::{self, Person};
 use super::{Material, Obstacle, Shape, WorldError};
 
 /// Draws for one trunk or pillar before the demands count as impossible.
@@ -45,17 +46,22 @@ fn ordered(key: &str, name: &str, [low, high]: [f64; 2]) -> Result<(), WorldErro
     ))
 }
 
-/// The trunks of a forest.
+/// Room left between somebody who walks by and a trunk, m.
+const ELBOW_ROOM_M: f64 = 0.1;
+
+/// The trunks of a forest, clear of where people walk if that is wanted.
 pub(super) fn forest(
     config: &ForestConfig,
     seed: u64,
     ground_m: f64,
+    people: &[Person],
 ) -> Result<Vec<Obstacle>, WorldError> {
     const KEY: &str = "world.forest";
     let count = forest_count(config, KEY)?;
     ordered(KEY, "radius_m", config.radius_m)?;
     let mut generator = Pcg64::new(u128::from(seed), FOREST_STREAM);
     let kept_clear = [config.start_m, config.goal_m];
+    let walks = walks(config.clear_of_people_s, people);
     let mut trunks: Vec<Disc> = Vec::with_capacity(count);
     for i in 0..count {
         let fits = |trunk: &Disc, trunks: &[Disc]| {
@@ -64,11 +70,15 @@ pub(super) fn forest(
                     (trunk.centre - Vector2::from(place)).norm() - trunk.radius_m
                         >= config.clear_radius_m
                 })
+                && walks.iter().all(|step| step.gap_m(trunk) >= ELBOW_ROOM_M)
         };
         let trunk = (0..ATTEMPTS)
             .map(|_| draw_trunk(config, &mut generator))
             .find(|trunk| fits(trunk, &trunks));
         let Some(trunk) = trunk else {
+            if config.clear_of_people_s.is_some() {
+                break;
+            }
             let finding = format!("only {i} of {count} trunks find a place");
             let remedy = "lower `density_per_m2`, `count`, `clear_gap_m` or `clear_radius_m`";
             return Err(WorldError::impossible(KEY, finding, remedy));
@@ -82,6 +92,20 @@ pub(super) fn forest(
         f64::NEG_INFINITY
     };
     Ok(pillars("tree", &trunks, bottom_m, top_m, config.material))
+}
+
+/// The places where people walk in this first time of the simulation.
+fn walks(duration_s: Option<f64>, people: &[Person]) -> Vec<Disc> {
+    let mut walks = Vec::new();
+    for time in duration_s.into_iter().flat_map(people::times) {
+        for state in people.iter().filter_map(|p| p.state(0, 0.0, time)) {
+            walks.push(Disc {
+                centre: state.centre_world.xy().coords,
+                radius_m: state.semi_axes_m.x.max(state.semi_axes_m.y),
+            });
+        }
+    }
+    walks
 }
 
 /// Number of trunks that a config asks for.
@@ -301,7 +325,7 @@ mod tests {
     fn forests_have_their_density_gaps_and_clear_places_for_every_seed() {
         let config = dense();
         for seed in 0..50 {
-            let trunks = discs(&forest(&config, seed, 0.0).unwrap());
+            let trunks = discs(&forest(&config, seed, 0.0, &[]).unwrap());
             assert_eq!(trunks.len(), 144);
             assert!(least_gap(&trunks) >= config.clear_gap_m);
             for trunk in &trunks {
@@ -326,7 +350,7 @@ mod tests {
                     goal_m: None,
                     ..dense()
                 };
-                let trunks = discs(&forest(&config, seed, 0.0).unwrap());
+                let trunks = discs(&forest(&config, seed, 0.0, &[]).unwrap());
                 trunks.iter().filter(|t| t.centre.y > 0.0).count()
             })
             .sum();
@@ -335,7 +359,7 @@ mod tests {
 
     #[test]
     fn seeds_make_forests_and_equal_seeds_equal_ones() {
-        let place = |seed| discs(&forest(&dense(), seed, 0.0).unwrap())[17].centre;
+        let place = |seed| discs(&forest(&dense(), seed, 0.0, &[]).unwrap())[17].centre;
         assert_eq!(place(3), place(3));
         assert_ne!(place(3), place(4));
     }
@@ -347,7 +371,7 @@ mod tests {
             max_m: [5.0, 0.0],
             ..ForestConfig::default()
         };
-        let message = forest(&config, 0, 0.0).unwrap_err().to_string();
+        let message = forest(&config, 0, 0.0, &[]).unwrap_err().to_string();
         assert!(
             message.contains("`world.forest` cannot be generated: only"),
             "{message}"

@@ -75,6 +75,8 @@ pub struct World {
     ground_material: Material,
     obstacles: Vec<Obstacle>,
     people: Vec<Person>,
+    /// When each person is in the world, so that of a long recording few are looked at.
+    presence_s: Vec<(f64, f64)>,
 }
 
 impl World {
@@ -86,6 +88,7 @@ impl World {
     pub fn new(config: &WorldConfig, seed: u64, assets: &Assets<'_>) -> Result<Self, WorldError> {
         config.validate_under("world")?;
         let ground_m = config.ground.height_m;
+        let people = build::people(config, seed, assets)?;
         let mut obstacles = build::obstacles(config, assets)?;
         if let Some(room) = &config.room {
             obstacles.extend(generate::room(room, ground_m));
@@ -94,13 +97,14 @@ impl World {
             obstacles.extend(generate::corridor(corridor, seed, ground_m)?);
         }
         if let Some(forest) = &config.forest {
-            obstacles.extend(generate::forest(forest, seed, ground_m)?);
+            obstacles.extend(generate::forest(forest, seed, ground_m, &people)?);
         }
         Ok(Self {
             ground_height_m: ground_m,
             ground_material: config.ground.material,
             obstacles,
-            people: build::people(config, assets)?,
+            presence_s: people.iter().map(Person::presence_s).collect(),
+            people,
         })
     }
 
@@ -121,8 +125,17 @@ impl World {
 
     /// The people who are in the world at a time.
     pub fn people_at(&self, time: Timestamp) -> impl Iterator<Item = PersonState> + '_ {
-        let state = move |(i, p): (usize, &Person)| p.state(i as u32, self.ground_height_m, time);
-        self.people.iter().enumerate().filter_map(state)
+        let now_s = time.as_s();
+        let there =
+            move |(_, (first, last)): &(usize, &(f64, f64))| *first <= now_s && now_s <= *last;
+        let state = move |(i, _): (usize, &(f64, f64))| {
+            self.people[i].state(i as u32, self.ground_height_m, time)
+        };
+        self.presence_s
+            .iter()
+            .enumerate()
+            .filter(there)
+            .filter_map(state)
     }
 
     /// What a person calls a thing, for example `box 2`, `person 1` or `the ground`.
@@ -177,8 +190,12 @@ impl World {
     pub fn clearance(&self, point: &Point3<f64>, time: Timestamp) -> Option<Clearance> {
         let mut best = self.clearance_of_obstacles(point);
         for person in self.people_at(time) {
+            let limit_m = best.map_or(f64::INFINITY, |b| b.distance_m);
+            if (person.centre_world - point).norm() - person.semi_axes_m.max() > limit_m {
+                continue;
+            }
             let distance_m = person.distance(point);
-            if best.is_none_or(|b| distance_m < b.distance_m) {
+            if distance_m < limit_m {
                 let what = ThingId::Person(person.id);
                 best = Some(Clearance { distance_m, what });
             }
@@ -205,7 +222,7 @@ impl World {
     }
 
     /// Refuses a place that lies below the ground, in a thing that stands still, or nearer to one
-    /// than `radius_m`. People make way, so they are not looked at.
+    /// than `radius_m`. People come and go, so they are not looked at.
     ///
     /// # Errors
     /// The thing in the way; `what` names what should be there, for example `waypoint 3`.
@@ -233,6 +250,32 @@ impl World {
             }
             None => Ok(()),
         }
+    }
+
+    /// Refuses a place to which somebody comes nearer than `radius_m` in the first `duration_s` of
+    /// the simulation.
+    ///
+    /// # Errors
+    /// The person in the way; `what` names what should be there, for example `the start`.
+    pub fn check_deserted(
+        &self,
+        point: &Point3<f64>,
+        radius_m: f64,
+        duration_s: f64,
+        what: &str,
+    ) -> Result<(), WorldError> {
+        let near = |person: &PersonState| person.distance(point) < radius_m;
+        let passer = people::times(duration_s)
+            .find_map(|time| self.people_at(time).find(near).map(|person| (time, person)));
+        let Some((time, person)) = passer else {
+            return Ok(());
+        };
+        Err(WorldError::Occupied {
+            what: what.into(),
+            point: *point,
+            relation: format!("at {:.1} s less than {radius_m:.2} m from", time.as_s()),
+            thing: self.describe(ThingId::Person(person.id)).into(),
+        })
     }
 }
 

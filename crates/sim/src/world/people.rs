@@ -46,6 +46,17 @@ pub(super) struct Person {
     pub motion: Motion,
 }
 
+/// Time between two places at which a walk is looked at to keep clear of it, s: a step of 0.12 m
+/// for somebody who walks at 1.2 m/s, between which a straight line strays from no place to be kept
+/// clear by more than 0.06^2 / (2 * 0.4) = 4.5 mm.
+const LOOK_S: f64 = 0.1;
+
+/// The times at which the first `duration_s` of a walk are looked at.
+pub(super) fn times(duration_s: f64) -> impl Iterator<Item = Timestamp> {
+    let count = (duration_s / LOOK_S).ceil() as u32;
+    (0..=count).map(|i| Timestamp::from_s(LOOK_S * f64::from(i)))
+}
+
 /// How a person moves.
 #[derive(Clone, Debug)]
 pub(super) enum Motion {
@@ -61,7 +72,19 @@ pub(super) struct Step {
     pub yaw_rad: f64,
 }
 
+/// Time by which the presence of a person is taken longer, s: more than times err when rounded.
+const PRESENCE_MARGIN_S: f64 = 1e-3;
+
 impl Person {
+    /// Times of the simulation, s, before and after which the person is not in the world.
+    pub fn presence_s(&self) -> (f64, f64) {
+        let (first, last) = match &self.motion {
+            Motion::Loop(_) => (f64::NEG_INFINITY, f64::INFINITY),
+            Motion::Track(track) => track.presence_s(),
+        };
+        (first - PRESENCE_MARGIN_S, last + PRESENCE_MARGIN_S)
+    }
+
     /// Where the person is; `None` when they are not in the world.
     pub fn state(&self, id: u32, ground_m: f64, time: Timestamp) -> Option<PersonState> {
         let step = match &self.motion {

@@ -254,3 +254,77 @@ fn recorded_people_come_and_go() {
     assert_eq!([0.5, 1.5, 2.5].map(present), [0, 1, 0]);
     assert_eq!(world.describe(ThingId::Person(0)), "person 1 (track 8)");
 }
+
+/// Somebody who walks east at 1 m/s on a line that takes 50 s, with a random start.
+const WALKER: &str =
+    "[[people]]\nwaypoints_m = [[0, 0], [50, 0]]\nspeed_m_s = 1.0\nstart_spread_s = 40.0\n";
+
+/// Where the people of a world with this seed start.
+fn starts_m(text: &str, seed: u64) -> Vec<f64> {
+    let world = World::new(&toml::from_str(text).unwrap(), seed, &assets).unwrap();
+    let at_start = world.people_at(ZERO);
+    at_start.map(|person| person.centre_world.x).collect()
+}
+
+#[test]
+fn another_person_does_not_change_where_the_others_start() {
+    for seed in 0..20 {
+        let [one, two] = [1, 2].map(|count| starts_m(&WALKER.repeat(count), seed));
+        assert_eq!(one[0], two[0]);
+        assert_ne!(two[0], two[1]);
+    }
+}
+
+#[test]
+fn starts_are_spread_evenly_over_the_seeds() {
+    let starts: Vec<f64> = (0..2000).map(|seed| starts_m(WALKER, seed)[0]).collect();
+    assert!(starts.iter().all(|s| (0.0..40.0).contains(s)));
+    // The mean of 2000 has a standard deviation of 40 / sqrt(12 * 2000) = 0.26; five of them.
+    let mean = starts.iter().sum::<f64>() / 2000.0;
+    assert!((mean - 20.0).abs() < 1.3, "{mean}");
+}
+
+#[test]
+fn people_of_one_recording_start_together() {
+    let config = toml::from_str("[[tracks]]\nfile = \"walk.csv\"\nstart_spread_s = 5.0").unwrap();
+    let csv = |_: &str| Ok(b"t_s,id,x_m,y_m\n0,1,0,0\n0,2,0,3\n9,1,9,0\n9,2,9,3\n".to_vec());
+    let places = |seed| {
+        let world = World::new(&config, seed, &csv).unwrap();
+        let places: Vec<f64> = world.people_at(ZERO).map(|p| p.centre_world.x).collect();
+        assert_eq!(places[0], places[1]);
+        assert!((0.0..5.0).contains(&places[0]));
+        places[0]
+    };
+    assert_ne!(places(1), places(2));
+}
+
+#[test]
+fn no_trunk_stands_where_somebody_walks() {
+    let forest = "[forest]\nmin_m = [0, -6]\nmax_m = [12, 6]\ncount = 12\nradius_m = [0.2, 0.6]\n\
+                  clear_gap_m = 1.4\nclear_of_people_s = 30.0\n\
+                  [[people]]\nwaypoints_m = [[2, -8], [7, 8]]\nstart_spread_s = 20.0\n";
+    for seed in 0..50 {
+        let world = World::new(&toml::from_str(forest).unwrap(), seed, &assets).unwrap();
+        for i in 0..3000 {
+            for person in world.people_at(Timestamp::from_s(0.01 * f64::from(i))) {
+                let nearest = world.clearance_of_obstacles(&person.centre_world).unwrap();
+                // Half a step of 0.12 m aside of a place that is 0.5 m away comes 4 mm nearer.
+                assert!(nearest.distance_m > 0.4 + 0.1 - 0.004, "{nearest:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_place_that_somebody_crosses_in_time_is_refused_by_name() {
+    let world = world("[[people]]\nwaypoints_m = [[-5, 0], [5, 0]]\nspeed_m_s = 1.0");
+    let start = Point3::new(0.0, 0.0, 0.9);
+    let check = |duration_s| world.check_deserted(&start, 0.3, duration_s, "the start");
+    // The person's surface is 0.3 m away after 4.3 s.
+    assert_eq!(check(4.2), Ok(()));
+    assert_eq!(
+        check(10.0).unwrap_err().to_string(),
+        "the start at (0.00, 0.00, 0.90) m lies at 4.4 s less than 0.30 m from `person 1`; move it \
+         or the obstacle"
+    );
+}

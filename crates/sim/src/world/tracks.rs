@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Vector2;
+use nalgebra::{Rotation2, Vector2};
 
 use super::WorldError;
 use super::config::{AfterEnd, TrackConfig};
@@ -43,6 +43,16 @@ impl Track {
             headings,
             start_s,
             span_s,
+        }
+    }
+
+    /// First and last time of the simulation at which the person is there, s; outside of it never.
+    pub fn presence_s(&self) -> (f64, f64) {
+        match (self.span_s, self.samples.first(), self.samples.last()) {
+            (None, Some((first, _)), Some((last, _))) => {
+                (first - self.start_s, last - self.start_s)
+            }
+            _ => (f64::NEG_INFINITY, f64::INFINITY),
         }
     }
 
@@ -117,6 +127,7 @@ fn parse(config: &TrackConfig, bytes: &[u8], key: &str) -> Result<Samples, World
         finding,
         remedy: remedy.into(),
     };
+    let turn = Rotation2::new(config.yaw_deg.to_radians());
     let mut lines = (1..).zip(bytes.split(|&byte| byte == b'\n'));
     let mut by_id = Samples::new();
     let header = lines.next().map_or(Ok(Vec::new()), |(_, line)| split(line));
@@ -143,7 +154,7 @@ fn parse(config: &TrackConfig, bytes: &[u8], key: &str) -> Result<Samples, World
                 "expected the times of an id to increase",
             ));
         }
-        samples.push((t, place + Vector2::from(config.offset_m)));
+        samples.push((t, turn * place + Vector2::from(config.offset_m)));
     }
     if by_id.is_empty() {
         let finding = "there is no line after the header".into();
@@ -247,6 +258,42 @@ mod tests {
                 .to_string()
                 .contains("names 4")
         );
+    }
+
+    #[test]
+    fn places_are_turned_before_they_are_moved() {
+        let config = TrackConfig {
+            yaw_deg: 90.0,
+            offset_m: [10.0, 0.0],
+            ..config()
+        };
+        let step = track(&config, 7).at(1.0).unwrap();
+        assert!((step.place - Vector2::new(10.0, 1.0)).norm() < 1e-12);
+        assert!((step.velocity - Vector2::new(0.0, 1.0)).norm() < 1e-12);
+        assert!((step.yaw_rad - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn places_are_continuous_across_the_samples() {
+        let walker = track(&config(), 7);
+        for sample_s in [2.0, 3.0] {
+            let [before, after] = [-1e-9, 1e-9].map(|h| walker.at(sample_s + h).unwrap().place);
+            // At no more than 2 m/s.
+            assert!((after - before).norm() <= 4.1e-9);
+        }
+    }
+
+    #[test]
+    fn nobody_is_there_outside_of_their_presence() {
+        let walker = track(
+            &TrackConfig {
+                start_s: 1.5,
+                ..config()
+            },
+            3,
+        );
+        assert_eq!(walker.presence_s(), (-1.5, -0.5));
+        assert!(walker.at(-0.5).is_some() && walker.at(-0.49).is_none());
     }
 
     #[test]
