@@ -33,8 +33,8 @@ const EXAMPLES: &str = "Examples:
   alula fly --seed 7 --set simulation.wind.mean_m_s=[2,0,0]
   alula fly scenarios/forest.toml --json     one JSON object, for scripts
   alula campaign scenarios/forest.toml --runs 1000
-  alula report out/first-flight-1            draw a flight again
-  alula replay out/first-flight-1/flight.mcap
+  alula report out/among-people-1            draw a flight again
+  alula replay out/among-people-1/flight.mcap
   alula estimate V1_01_easy --estimator pose-imu --pose-rate-hz 10 --pose-delay-s 0.1
   alula check scenarios/forest.toml flight.mcap
 

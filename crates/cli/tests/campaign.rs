@@ -12,6 +12,12 @@ use std::sync::OnceLock;
 use serde_json::Value;
 use tempfile::TempDir;
 
+/// The scenario that flies blind through waypoints.
+const FIRST_FLIGHT: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../../scenarios/first-flight.toml"
+);
+
 /// A mission of a metre, without images.
 const SHORT: [&str; 6] = [
     "--set",
@@ -34,7 +40,7 @@ fn alula(folder: &Path, arguments: &[&str]) -> Output {
 
 /// Runs a campaign of the short mission; it must end with the code.
 fn fly_short(folder: &Path, options: &[&str], code: i32) -> Output {
-    let arguments = [&["campaign"], options, &SHORT].concat();
+    let arguments = [&["campaign", FIRST_FLIGHT], options, &SHORT].concat();
     let output = alula(folder, &arguments);
     assert_eq!(output.status.code(), Some(code), "{options:?}: {output:?}");
     output
@@ -310,7 +316,8 @@ fn failures_are_counted_and_end_with_code_1() {
 fn another_campaign_in_the_folder_is_refused() {
     let copy = copy_of_six_flights();
     let check = |options: &[&str], part: &str| {
-        let arguments = [&["campaign", "--out", "c"], options, &SHORT].concat();
+        let start = ["campaign", FIRST_FLIGHT, "--out", "c"];
+        let arguments = [&start[..], options, &SHORT].concat();
         let message = refusal(copy.path(), &arguments);
         assert!(message.contains(part), "`{part}` is not in: {message}");
         assert!(message.contains("--out DIR"), "{message}");
@@ -327,7 +334,7 @@ fn another_campaign_in_the_folder_is_refused() {
 fn what_cannot_be_flown_is_refused_before_a_folder_is_made() {
     let folder = tempfile::tempdir().unwrap();
     let in_the_box = ["--set", "mission.waypoints_m=[[5.0, 0.0, 0.6]]"];
-    let options = ["campaign", "--runs", "3", "--out", "c"];
+    let options = ["campaign", FIRST_FLIGHT, "--runs", "3", "--out", "c"];
     let message = refusal(folder.path(), &[&options[..], &in_the_box].concat());
     assert!(message.contains("waypoint 1"), "{message}");
     let message = refusal(folder.path(), &["campaign", "--out", "c"]);

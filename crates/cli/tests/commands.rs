@@ -10,8 +10,15 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
+/// A scenario that flies blind and fast.
+const FIRST_FLIGHT: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../../scenarios/first-flight.toml"
+);
+
 /// A mission of a few metres, with few depth images.
-const SHORT: [&str; 6] = [
+const SHORT: [&str; 7] = [
+    FIRST_FLIGHT,
     "--set",
     "mission.waypoints_m=[[1.0, 0.0, 1.3]]",
     "--set",
@@ -97,7 +104,14 @@ fn a_flight_without_record_leaves_no_file() {
 fn a_flight_that_fails_ends_with_code_1_and_says_why() {
     let folder = tempfile::tempdir().unwrap();
     let fails = |change: &str, outcome: &str| {
-        let options = ["fly", "--json", "--no-record", "--set", change];
+        let options = [
+            "fly",
+            FIRST_FLIGHT,
+            "--json",
+            "--no-record",
+            "--set",
+            change,
+        ];
         let output = alula(folder.path(), &[&options[..], &SHORT].concat());
         assert_eq!(output.status.code(), Some(1), "{change}: {output:?}");
         let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -117,6 +131,7 @@ fn a_collision_ends_with_code_1() {
         folder.path(),
         &[
             "fly",
+            FIRST_FLIGHT,
             "--json",
             "--no-record",
             "--set",
@@ -319,6 +334,7 @@ fn a_killed_flight_leaves_a_recording_up_to_its_last_chunk() {
         folder.path(),
         &[
             "fly",
+            FIRST_FLIGHT,
             "--json",
             "--out",
             "a",

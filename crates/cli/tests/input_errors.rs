@@ -474,6 +474,10 @@ fn a_truncated_recording_is_read_up_to_the_break() {
     let folder = tempfile::tempdir().unwrap();
     let fly = [
         "fly",
+        concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../../scenarios/first-flight.toml"
+        ),
         "--json",
         "--out",
         "f",

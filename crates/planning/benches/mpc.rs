@@ -134,6 +134,7 @@ impl Record {
                 yaw: YawTarget::AlongMotion,
                 max_speed_m_s: &[2.0; PLAN_POINTS],
                 obstacles: &seen,
+                height_band_m: None,
                 view: None,
             };
             let begin = cpu_time();

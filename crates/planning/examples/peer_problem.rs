@@ -126,6 +126,7 @@ fn blank_problem() -> Result<Problem, Box<dyn Error>> {
         quantile: QUANTILE,
         collision: penalty,
         velocity_bound: Some((Vector3::new(2.0, 2.0, 1.0), penalty)),
+        height_band: None,
         view: None,
         stages: vec![Stage::with_capacity(OBSTACLES); INTERVALS + 1],
     })

@@ -137,6 +137,13 @@ fn problem(generator: &mut Pcg64) -> Problem {
                 quadratic: 2.0,
             },
         )),
+        height_band: Some((
+            [0.8, 1.1],
+            Penalty {
+                linear: 3.0,
+                quadratic: 2.0,
+            },
+        )),
         view: Some((
             view,
             Penalty {

@@ -136,6 +136,7 @@ impl Flight {
             yaw: YawTarget::AlongMotion,
             max_speed_m_s: &[self.speed_m_s; PLAN_POINTS],
             obstacles: &seen,
+            height_band_m: None,
             view: None,
         })
     }
@@ -537,6 +538,7 @@ fn a_narrow_view_bends_the_plan_into_it() {
         yaw: YawTarget::AlongMotion,
         max_speed_m_s: &[2.0; PLAN_POINTS],
         obstacles: &[],
+        height_band_m: None,
         view: Some(&view),
     });
     let outside = |plan: &Plan| {
@@ -562,6 +564,7 @@ fn a_target_to_pass_is_passed_at_speed() {
             yaw: YawTarget::AlongMotion,
             max_speed_m_s: &[2.0; PLAN_POINTS],
             obstacles: &[],
+            height_band_m: None,
             view: None,
         });
         assert_ne!(plan.exit, PlanExit::Failed);

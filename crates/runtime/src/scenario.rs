@@ -20,7 +20,7 @@ use crate::mission::MissionConfig;
 use crate::{ConfigError, RunError};
 
 /// The scenario that flies when none is named.
-const DEFAULT_SCENARIO: &str = include_str!("../../../scenarios/first-flight.toml");
+const DEFAULT_SCENARIO: &str = include_str!("../../../scenarios/among-people.toml");
 
 /// Nobody comes to where the vehicle takes off in this first time, s.
 const START_DESERTED_S: f64 = 5.0;

@@ -7,16 +7,16 @@ mod support;
 
 use std::fs;
 
-use support::{SHORT, built_in, flown, recorded};
+use support::{SHORT, first_flight, flown, recorded};
 
 /// A log as text: shortest decimal numbers tell all values apart.
 fn story(overrides: &[&str], seed: u64) -> String {
-    format!("{:?}", flown(&built_in(overrides), seed).log)
+    format!("{:?}", flown(&first_flight(overrides), seed).log)
 }
 
 fn recording(overrides: &[&str], seed: u64) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
-    let (_, path) = recorded(&built_in(overrides), seed, folder.path());
+    let (_, path) = recorded(&first_flight(overrides), seed, folder.path());
     fs::read(path).unwrap()
 }
 
@@ -42,7 +42,7 @@ fn flights_with_different_seeds_differ() {
 #[test]
 fn recording_a_flight_does_not_change_it() {
     let folder = tempfile::tempdir().unwrap();
-    let (with_recording, _) = recorded(&built_in(&SHORT), 3, folder.path());
+    let (with_recording, _) = recorded(&first_flight(&SHORT), 3, folder.path());
     assert_eq!(format!("{:?}", with_recording.log), story(&SHORT, 3));
 }
 

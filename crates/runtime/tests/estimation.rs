@@ -14,7 +14,7 @@ use alula_messages::{EstimateHealth, NavState};
 use alula_record::{Event, Recording};
 use alula_runtime::RunError;
 use alula_runtime::estimate::{Estimation, Job, PoseFeed, estimate};
-use support::{SHORT, built_in, recorded};
+use support::{SHORT, first_flight, recorded};
 
 fn job(log: &Path, estimator: &str) -> Job {
     Job {
@@ -120,7 +120,7 @@ fn flown_states(path: &Path) -> Vec<NavState> {
 #[test]
 fn an_estimator_over_a_recording_says_what_it_said_in_flight() {
     let folder = tempfile::tempdir().unwrap();
-    let (_, path) = recorded(&built_in(&SHORT), 1, folder.path());
+    let (_, path) = recorded(&first_flight(&SHORT), 1, folder.path());
     let estimation = estimate(&job(&path, "flow-odometry")).unwrap();
     let flown = flown_states(&path);
     assert!(flown.len() > 1000);
@@ -136,7 +136,7 @@ fn an_estimator_over_a_recording_says_what_it_said_in_flight() {
 #[test]
 fn another_estimator_over_a_recording_gets_poses_from_its_truth() {
     let folder = tempfile::tempdir().unwrap();
-    let (_, path) = recorded(&built_in(&SHORT), 1, folder.path());
+    let (_, path) = recorded(&first_flight(&SHORT), 1, folder.path());
     let estimation = estimate(&job(&path, "pose-imu")).unwrap();
     let errors = estimation.report.errors.unwrap();
     assert!(notes(&estimation).contains("made from the recorded truth"));
@@ -147,7 +147,7 @@ fn another_estimator_over_a_recording_gets_poses_from_its_truth() {
 #[test]
 fn an_estimator_over_a_cut_recording_says_that_it_is_cut() {
     let folder = tempfile::tempdir().unwrap();
-    let (_, path) = recorded(&built_in(&SHORT), 1, folder.path());
+    let (_, path) = recorded(&first_flight(&SHORT), 1, folder.path());
     let bytes = std::fs::read(&path).unwrap();
     std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
     let estimation = estimate(&job(&path, "flow-odometry")).unwrap();
@@ -158,7 +158,7 @@ fn an_estimator_over_a_cut_recording_says_that_it_is_cut() {
 #[test]
 fn an_unknown_estimator_is_answered_with_the_list() {
     let folder = tempfile::tempdir().unwrap();
-    let (_, path) = recorded(&built_in(&SHORT), 1, folder.path());
+    let (_, path) = recorded(&first_flight(&SHORT), 1, folder.path());
     let error: RunError = estimate(&job(&path, "gps")).unwrap_err();
     assert!(
         error.to_string().contains("flow-odometry, pose-imu"),

@@ -4,9 +4,17 @@
 // Helpers of tests may fail like tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+use std::path::Path;
+
 use alula_messages::{Command, Fallback, Violation};
 use alula_runtime::Scenario;
 use alula_runtime::flight::{Flight, Outcome, RecordTo, fly};
+
+/// The scenario that flies blind through waypoints.
+const FIRST_FLIGHT: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../../scenarios/first-flight.toml"
+);
 
 /// When the faults begin: take-off is over, the vehicle is on its way at up to 2 m/s, s.
 const FAULT_S: f64 = 8.0;
@@ -26,7 +34,7 @@ struct Fault {
     seed: u64,
 }
 
-/// Flies the built-in mission with an override, in which `{start}` stands for the fault's time.
+/// Flies the first flight with an override, in which `{start}` stands for the fault's time.
 fn fly_with(fault: &str, seed: u64) -> Fault {
     let start_s = FAULT_S + 1.7 * seed as f64;
     let overrides = [
@@ -39,7 +47,7 @@ fn fly_with(fault: &str, seed: u64) -> Fault {
     if fault.contains("wind") {
         overrides.push("world.obstacles=[]".to_owned());
     }
-    let scenario = Scenario::load(None, &overrides).unwrap();
+    let scenario = Scenario::load(Some(Path::new(FIRST_FLIGHT)), &overrides).unwrap();
     let mut action = None;
     let mut end_of_flight_s = None;
     let mut last_command = Command::Disarm;
@@ -180,7 +188,7 @@ fn in_a_gust_beyond_the_vehicle_the_guard_acts() {
 
 /// Horizontal true speed when the descent by the guard has lasted for a time, m/s.
 fn speed_in_descent_m_s(overrides: &[String], after_s: f64) -> f64 {
-    let scenario = Scenario::load(None, overrides).unwrap();
+    let scenario = Scenario::load(Some(Path::new(FIRST_FLIGHT)), overrides).unwrap();
     let mut began_s = None;
     let mut speed_m_s = f64::NAN;
     fly(&scenario, 1, &RecordTo::Nothing, &mut |progress| {

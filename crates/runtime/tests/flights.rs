@@ -16,9 +16,9 @@ use alula_runtime::flight::{Flight, Outcome};
 use alula_runtime::flight_log::Sample;
 use alula_sim::world::Shape;
 use nalgebra::{Vector2, Vector3};
-use support::{NO_WIND, built_in, flown};
+use support::{NO_WIND, first_flight, flown};
 
-/// Seeds for which the built-in mission is flown.
+/// Seeds for which the first flight is flown.
 const SEEDS: u64 = 20;
 
 /// Those of which every single flight is judged.
@@ -28,7 +28,7 @@ const JUDGED: usize = 10;
 fn built_in_flights() -> &'static [Flight] {
     static FLIGHTS: OnceLock<Vec<Flight>> = OnceLock::new();
     FLIGHTS.get_or_init(|| {
-        let scenario = built_in(&[]);
+        let scenario = first_flight(&[]);
         let half = |seeds: std::ops::Range<u64>| -> Vec<Flight> {
             seeds.map(|seed| flown(&scenario, seed)).collect()
         };
@@ -60,7 +60,7 @@ fn the_built_in_mission_succeeds_with_every_seed() {
     }
 }
 
-/// Acceptance of the built-in mission: the median of landings below 0.4 m.
+/// Acceptance of the first flight: the median of landings below 0.4 m.
 #[test]
 fn half_of_the_landings_are_within_40_cm_of_the_pad() {
     let distances = landing_distances_m();
@@ -68,7 +68,7 @@ fn half_of_the_landings_are_within_40_cm_of_the_pad() {
     assert!(distances[distances.len() / 2] < 0.4, "{distances:?}");
 }
 
-/// Acceptance of the built-in mission: 47 of 50 landings below 1 m; of these 20, all.
+/// Acceptance of the first flight: 47 of 50 landings below 1 m; of these 20, all.
 #[test]
 fn no_landing_is_further_than_a_metre_from_the_pad() {
     let distances = landing_distances_m();
@@ -168,7 +168,7 @@ fn flight_with_true_state(preset: &str, mass_factor: f64) -> Flight {
     overrides.push("simulation.state=truth".to_owned());
     overrides.push(format!("simulation.mass_factor={mass_factor:?}"));
     let overrides: Vec<&str> = overrides.iter().map(String::as_str).collect();
-    flown(&built_in(&overrides), 1)
+    flown(&first_flight(&overrides), 1)
 }
 
 /// Acceptance of the controller: 5 cm along its own trajectory at 2 m/s, which must really be flown.
@@ -208,7 +208,7 @@ fn the_smaller_vehicles_fly_the_mission_on_their_own_sensors() {
     for preset in ["pelican", "bebop2"] {
         let overrides = vehicle(preset);
         let overrides: Vec<&str> = overrides.iter().map(String::as_str).collect();
-        let summary = flown(&built_in(&overrides), 1).summary;
+        let summary = flown(&first_flight(&overrides), 1).summary;
         println!("{preset}: landed {:.3} m away", summary.landing_distance_m);
         assert_eq!(summary.outcome, Outcome::Reached, "{preset}: {summary:?}");
         assert!(summary.landing_distance_m < 0.4, "{preset}: {summary:?}");
@@ -217,7 +217,7 @@ fn the_smaller_vehicles_fly_the_mission_on_their_own_sensors() {
 
 #[test]
 fn a_flight_in_motion_capture_fuses_its_poses() {
-    let scenario = built_in(&[
+    let scenario = first_flight(&[
         "simulation.sensors.motion_capture.rate_hz=120.0",
         "stack.estimation.estimator=pose-imu",
     ]);

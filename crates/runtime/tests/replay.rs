@@ -13,7 +13,7 @@ use alula_runtime::RunError;
 use alula_runtime::replay::{Difference, ReplayReport, read_flight, replay};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use support::{SHORT, built_in, recorded};
+use support::{SHORT, first_flight, recorded};
 use tempfile::TempDir;
 
 /// A short recorded flight.
@@ -29,7 +29,7 @@ impl Recorded {
 
     fn with(overrides: &[&str], seed: u64) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let (_, path) = recorded(&built_in(overrides), seed, folder.path());
+        let (_, path) = recorded(&first_flight(overrides), seed, folder.path());
         Self { folder, path }
     }
 
@@ -67,7 +67,7 @@ fn error(path: &Path) -> RecordError {
 fn recorded_flights_replay_without_difference() {
     for seed in 1..=3 {
         let folder = tempfile::tempdir().unwrap();
-        let (flight, path) = recorded(&built_in(&[]), seed, folder.path());
+        let (flight, path) = recorded(&first_flight(&[]), seed, folder.path());
         let report = replay(&path, &[]).unwrap();
         assert_eq!(report.first_difference, None, "seed {seed}");
         assert_eq!(report.damage, Vec::<String>::new());
@@ -101,7 +101,7 @@ fn a_flight_that_the_guard_ended_replays_too() {
 #[test]
 fn a_drawn_recording_tells_the_same_story_as_the_flight() {
     let folder = tempfile::tempdir().unwrap();
-    let (flight, path) = recorded(&built_in(&SHORT), 2, folder.path());
+    let (flight, path) = recorded(&first_flight(&SHORT), 2, folder.path());
     let read = read_flight(&path).unwrap();
     assert_eq!(format!("{:?}", read.log), format!("{:?}", flight.log));
     assert_eq!(read.damage, Vec::<String>::new());

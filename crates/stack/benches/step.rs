@@ -1,5 +1,5 @@
 //! Time of one step of the stack and of its parts after estimation, over the flight of the
-//! built-in scenario. The budget of a step is 50 us; `docs/budgets.md` has the others.
+//! first flight. The budget of a step is 50 us; `docs/budgets.md` has the others.
 //!
 //! Every sample of `stack_step` is another step of one flight, so `slowest` is the worst step that
 //! occurred. The table at the end splits the steps of a whole flight into stages and tells slow

@@ -64,7 +64,7 @@ const EXAMPLES: &str = "Examples:
   alula estimate V1_01_easy --estimator pose-imu
   alula estimate V1_01_easy --estimator pose-imu --pose-outage-s 60,0.5 --json
   alula estimate V1_01_easy --estimator flow-odometry --out estimates
-  alula estimate out/first-flight-1/flight.mcap";
+  alula estimate out/among-people-1/flight.mcap";
 
 /// How the estimate is moved onto the truth.
 #[derive(Clone, Copy, Debug, ValueEnum)]

@@ -13,8 +13,8 @@ use crate::words;
 
 /// Fly a simulated mission in closed loop.
 ///
-/// Without a scenario, the built-in one is flown: take-off, waypoints between obstacles, landing, on
-/// on-board odometry alone. The folder of the flight gets a recording (flight.mcap, opens in
+/// Without a scenario, the built-in one is flown: through a room with two people and two pillars, on
+/// its own sensors. The folder of the flight gets a recording (flight.mcap, opens in
 /// Foxglove), a report (report.html, report.png) and its figures (summary.json).
 #[derive(clap::Args)]
 pub struct Arguments {

@@ -31,6 +31,7 @@ impl Span {
 
 /// A detected piece as a frame: origin at its centre, first axis along it.
 struct Frame {
+    yaw_rad: f64,
     origin: Vector2<f64>,
     along: Vector2<f64>,
     normal: Vector2<f64>,
@@ -40,6 +41,7 @@ impl Frame {
     fn at(origin: Vector3<f64>, yaw_rad: f64) -> Self {
         let along = Vector2::new(yaw_rad.cos(), yaw_rad.sin());
         Self {
+            yaw_rad,
             origin: origin.xy(),
             along,
             normal: Vector2::new(-along.y, along.x),
@@ -194,12 +196,14 @@ fn joined_span(
     config: &FlatConfig,
 ) -> Span {
     let (piece, mut span) = (frame.span_of(track), span_of_detection(detection));
+    // A line has no direction: track and detection may point opposite ways.
+    let flipped = usize::from((faces.yaw_rad - frame.yaw_rad).cos() < 0.0);
     let room = (config.max_length_m - span.length()).max(0.0);
-    if !faces.shown[0] {
+    if !faces.shown[flipped] {
         span.low = piece.low.clamp(span.low - room, span.low);
     }
     let room = (config.max_length_m - span.length()).max(0.0);
-    if !faces.shown[1] {
+    if !faces.shown[1 - flipped] {
         span.high = piece.high.clamp(span.high, span.high + room);
     }
     span

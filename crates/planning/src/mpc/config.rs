@@ -25,7 +25,7 @@ parameters! {
         pub hull_widening: f64 = 1.05, within(1.005, 2.0);
         /// Greatest margin for uncertainty, m: what is uncertain further than that does not close
         /// all space. Beyond it the chance of collision may exceed `delta`.
-        pub max_margin_m: f64 = 0.6, within(0.01, 10.0);
+        pub max_margin_m: f64 = 0.25, within(0.01, 10.0);
         /// Obstacles that stay further than this from the expected path are left out, m.
         pub heed_m: f64 = 2.5, within(0.2, 50.0);
         /// A target further away than this is replaced by a point this far on the way to it, m.

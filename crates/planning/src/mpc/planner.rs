@@ -19,7 +19,7 @@ use super::dynamics::{Input, NU, NX, State, TiltDynamics, TiltModel};
 use super::guess::{Path, simple_flight};
 use super::heading::Heading;
 use super::prediction::Threat;
-use super::problem::Problem;
+use super::problem::{HEIGHT_SIDES, Problem};
 use super::request::PlanRequest;
 use super::view::VIEW_SIDES;
 
@@ -68,7 +68,11 @@ impl PredictivePlanner {
         Ok(Self {
             config: config.clone(),
             problem,
-            solver: OcpSolver::new(PLAN_INTERVALS, PLAN_OBSTACLES + VIEW_SIDES, settings),
+            solver: OcpSolver::new(
+                PLAN_INTERVALS,
+                PLAN_OBSTACLES + HEIGHT_SIDES + VIEW_SIDES,
+                settings,
+            ),
             heading: Heading::default(),
             threats: Vec::with_capacity(PLAN_OBSTACLES),
             own: [Matrix3::zeros(); PLAN_POINTS],

@@ -92,6 +92,8 @@ pub struct Problem {
     pub collision: Penalty,
     /// Greatest velocity along each axis (m/s, both ways) and the penalty per m/s.
     pub velocity_bound: Option<(Vector3<f64>, Penalty)>,
+    /// Least and greatest height (world, m) and the penalty per m.
+    pub height_band: Option<([f64; 2], Penalty)>,
     /// Volume to stay in and the penalty per m.
     pub view: Option<(FieldOfView, Penalty)>,
     /// The points, one more than intervals; all hold as many volumes from the second point on.
@@ -100,6 +102,9 @@ pub struct Problem {
 
 /// Constraints that a problem may state for the vehicle's velocity.
 const VELOCITY_SIDES: usize = 6;
+
+/// Constraints that a problem may state for its height.
+pub(super) const HEIGHT_SIDES: usize = 2;
 
 /// The logistic step `1 / (1 + exp(z))`, in a form that does not overflow.
 fn step_down(z: f64) -> f64 {
@@ -262,6 +267,7 @@ impl OptimalControl<NX, NU> for Problem {
         let keepouts = self.stages.iter().map(|s| s.keepouts.len()).max();
         keepouts.unwrap_or(0)
             + self.velocity_bound.map_or(0, |_| VELOCITY_SIDES)
+            + self.height_band.map_or(0, |_| HEIGHT_SIDES)
             + self.view.map_or(0, |_| VIEW_SIDES)
     }
 
@@ -291,6 +297,10 @@ impl OptimalControl<NX, NU> for Problem {
                 give(bound[i] + x[3 + i], gradient, penalty);
             }
         }
+        if let Some(([low, high], penalty)) = &self.height_band {
+            give(p.z - low, in_position(&Vector3::z()), penalty);
+            give(high - p.z, in_position(&-Vector3::z()), penalty);
+        }
         if let Some((view, penalty)) = &self.view {
             for (inside_m, gradient) in view.sides(&p) {
                 give(inside_m, in_position(&gradient), penalty);
@@ -309,6 +319,10 @@ impl OptimalControl<NX, NU> for Problem {
                 take(bound[i] - x[3 + i], penalty.linear, penalty.quadratic);
                 take(bound[i] + x[3 + i], penalty.linear, penalty.quadratic);
             }
+        }
+        if let Some(([low, high], penalty)) = &self.height_band {
+            take(p.z - low, penalty.linear, penalty.quadratic);
+            take(high - p.z, penalty.linear, penalty.quadratic);
         }
         if let Some((view, penalty)) = &self.view {
             for (inside_m, _) in view.sides(&p) {

@@ -33,6 +33,8 @@ pub struct PlanRequest<'a> {
     pub max_speed_m_s: &'a [f64; PLAN_POINTS],
     /// What to keep clear of.
     pub obstacles: &'a [Obstacle],
+    /// Least and greatest height, world, m: as binding as what to keep clear of.
+    pub height_band_m: Option<[f64; 2]>,
     /// Volume that the plan should not leave.
     pub view: Option<&'a FieldOfView>,
 }
@@ -48,6 +50,7 @@ impl PlanRequest<'_> {
             && self.state.covariance.iter().all(|c| c.is_finite())
             && self.target_world.iter().all(|c| c.is_finite())
             && yaw.is_finite()
+            && self.height_band_m.iter().flatten().all(|z| z.is_finite())
             && self.max_speed_m_s.iter().all(|v| v.is_finite())
             && self.obstacles.iter().all(obstacle_is_finite)
     }

@@ -8,6 +8,12 @@ use std::path::{Path, PathBuf};
 use alula_runtime::Scenario;
 use alula_runtime::flight::{Flight, RecordTo, fly};
 
+/// The scenario that flies blind through waypoints.
+pub const FIRST_FLIGHT: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../../scenarios/first-flight.toml"
+);
+
 /// A mission of a few metres, with few depth images, for tests that look at something else.
 pub const SHORT: [&str; 3] = [
     "mission.waypoints_m=[[2.0, -1.0, 1.3]]",
@@ -21,10 +27,10 @@ pub const NO_WIND: [&str; 2] = [
     "simulation.wind.gust_sigma_m_s=[0.0, 0.0, 0.0]",
 ];
 
-/// The built-in scenario with changes.
-pub fn built_in(overrides: &[&str]) -> Scenario {
+/// The first flight with changes.
+pub fn first_flight(overrides: &[&str]) -> Scenario {
     let overrides: Vec<String> = overrides.iter().map(|o| (*o).to_owned()).collect();
-    Scenario::load(None, &overrides).unwrap()
+    Scenario::load(Some(Path::new(FIRST_FLIGHT)), &overrides).unwrap()
 }
 
 /// A flight without recording.

@@ -48,6 +48,8 @@ parameters! {
         /// Something counts as lower than the vehicle when its top is this much below the
         /// vehicle's sphere, m; tops at the border of an image are not known well.
         pub pass_over_m: f64 = 0.6, within(0.0, 10.0);
+        /// How far the vehicle may rise above or sink below the heights of its way, m.
+        pub height_band_m: f64 = 0.25, within(0.05, 10.0);
         /// World height of the floor, m.
         pub floor_height_m: f64 = 0.0, within(-1000.0, 1000.0);
         /// Time from one plan to the next, s.

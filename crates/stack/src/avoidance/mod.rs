@@ -90,6 +90,8 @@ pub struct Avoidance {
     view: Option<FieldOfView>,
     planned: Option<Timestamp>,
     plan: Option<Plan>,
+    /// Height at which the way to the present goal began, m.
+    start_height_m: Option<f64>,
     /// Where to stop while no images arrive.
     stop_world: Option<Vector3<f64>>,
     /// Places along the way, from which the speed limits follow.
@@ -126,6 +128,7 @@ impl Avoidance {
             view: None,
             planned: None,
             plan: None,
+            start_height_m: None,
             stop_world: None,
             way: Vec::with_capacity(PLAN_POINTS),
             known: Vec::with_capacity(config.tracker.max_tracks),
@@ -225,6 +228,7 @@ impl Avoidance {
         self.route.reset();
         self.planned = None;
         self.plan = None;
+        self.start_height_m = None;
         self.stop_world = None;
     }
 
@@ -318,6 +322,7 @@ impl Avoidance {
             }
             *next += 1;
             self.headway.reset();
+            self.start_height_m = None;
         }
         None
     }
@@ -416,6 +421,8 @@ impl Avoidance {
         arrival: Arrival,
         yaw: YawTarget,
     ) {
+        self.start_height_m
+            .get_or_insert(output.state.position_world().z);
         let max_speed_m_s = self.speed_limits(&output.state, &target_world);
         let plan = self.planner.plan(&PlanRequest {
             now: output.time,
@@ -425,11 +432,22 @@ impl Avoidance {
             yaw,
             max_speed_m_s: &max_speed_m_s,
             obstacles: &self.known,
+            height_band_m: Some(self.height_band_m(target_world.z)),
             view: self.view.as_ref(),
         });
         output.plan = Some(*plan);
         self.plan = Some(*plan);
         self.planned = Some(output.time);
+    }
+
+    /// Heights between which the vehicle stays on its way from where the task began.
+    fn height_band_m(&self, target_m: f64) -> [f64; 2] {
+        let start_m = self.start_height_m.unwrap_or(target_m);
+        let band_m = self.conduct.height_band_m;
+        [
+            start_m.min(target_m) - band_m,
+            start_m.max(target_m) + band_m,
+        ]
     }
 
     fn speed_limits(&mut self, state: &NavState, target: &Vector3<f64>) -> [f64; PLAN_POINTS] {

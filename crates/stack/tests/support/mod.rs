@@ -1,4 +1,4 @@
-//! The flight of the built-in scenario, step by step, for tests and benchmarks.
+//! The first flight, step by step, for tests and benchmarks.
 
 // Each of its users needs a part of it.
 #![allow(dead_code, clippy::unwrap_used)]

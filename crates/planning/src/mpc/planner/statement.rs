@@ -68,6 +68,9 @@ impl PredictivePlanner {
                 weight: config.speed_weight,
             });
         }
+        self.problem.height_band = request
+            .height_band_m
+            .map(|band_m| (band_m, self.problem.collision));
         self.problem.view = request.view.map(|view| (*view, penalty_of_view(config)));
         self.state_keepouts(request, target);
     }
@@ -170,6 +173,7 @@ pub(super) fn blank_problem(config: &PredictiveConfig, dynamics: TiltDynamics) -
             quadratic: config.collision_quadratic,
         },
         velocity_bound: None,
+        height_band: None,
         view: None,
         stages: vec![Stage::with_capacity(PLAN_OBSTACLES); PLAN_POINTS],
     }
