@@ -104,14 +104,7 @@ fn a_flight_without_record_leaves_no_file() {
 fn a_flight_that_fails_ends_with_code_1_and_says_why() {
     let folder = tempfile::tempdir().unwrap();
     let fails = |change: &str, outcome: &str| {
-        let options = [
-            "fly",
-            FIRST_FLIGHT,
-            "--json",
-            "--no-record",
-            "--set",
-            change,
-        ];
+        let options = ["fly", "--json", "--no-record", "--set", change];
         let output = alula(folder.path(), &[&options[..], &SHORT].concat());
         assert_eq!(output.status.code(), Some(1), "{change}: {output:?}");
         let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
