@@ -100,7 +100,7 @@ impl PositionLoop {
             - kv.component_mul(&velocity_error);
 
         let axis = world_from_body.column(2).into_owned();
-        let along = force.dot(&axis);
+        let along = self.along(&force, &axis);
         let thrust = along.clamp(self.min_force, self.max_force);
         let model_acceleration = axis * thrust - up - self.integral;
         let acceleration_error = model_acceleration - reference.acceleration_world;
@@ -130,6 +130,16 @@ impl PositionLoop {
         }
     }
 
+    /// Thrust that carries the vertical part of a force at the present attitude, and no less than the
+    /// part of the force along the body's axis: while the attitude still follows, height comes
+    /// first. Document S, equation (2.85a), has the part along the axis alone, which lets a vehicle
+    /// with a slow attitude loop sink when it turns its tilt round.
+    fn along(&self, force: &Vector3<f64>, axis: &Vector3<f64>) -> f64 {
+        const LEAST_COSINE: f64 = 0.5;
+        let carrying = force.z / axis.z.max(LEAST_COSINE);
+        force.dot(axis).max(carrying)
+    }
+
     /// Brings the force within the limits of thrust and tilt; what it carries of the weight comes
     /// first, the horizontal part gets what is left. A limited force counts as constant.
     fn limit(&self, wanted: SpecificForce, world_from_body: &Matrix3<f64>) -> SpecificForce {
@@ -151,8 +161,8 @@ impl PositionLoop {
             force,
             rate: Vector3::zeros(),
             acceleration: Vector3::zeros(),
-            thrust_m_s2: force
-                .dot(&world_from_body.column(2))
+            thrust_m_s2: self
+                .along(&force, &world_from_body.column(2).into_owned())
                 .clamp(self.min_force, self.max_force),
             status: GeometricStatus::Limited,
         }
