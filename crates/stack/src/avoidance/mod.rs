@@ -372,7 +372,7 @@ impl Avoidance {
     fn is_due(&self, now: Timestamp) -> bool {
         self.plan.is_none()
             || self.planned.is_none_or(|last| {
-                // Half a nanosecond of rounding must not cost a control period.
+                // A rounded difference of times must not cost a control period.
                 now.seconds_since(last) >= self.conduct.replan_s - 1e-6
             })
     }
@@ -510,13 +510,7 @@ impl Avoidance {
         let age_s = now.seconds_since(obstacle.time);
         let offset = (obstacle.centre_after(age_s) - hold.position_world).xy();
         let velocity = obstacle.velocity_world.xy();
-        let speed_squared = velocity.norm_squared();
-        let meeting_s = if speed_squared > 1e-6 {
-            (-offset.dot(&velocity) / speed_squared).clamp(0.0, AHEAD_S)
-        } else {
-            0.0
-        };
-        let nearest_m = (offset + velocity * meeting_s).norm();
+        let (_, nearest_m) = watch::nearest_approach(&offset, &velocity, AHEAD_S);
         let size_m = 0.5 * obstacle.size_m.xy().max();
         nearest_m - size_m - self.radius_m < self.conduct.give_way_m
     }

@@ -42,14 +42,24 @@ pub(super) fn heading(known: &[Obstacle], state: &NavState, way: &Vector2<f64>) 
 fn meeting(obstacle: &Obstacle, state: &NavState) -> Option<f64> {
     let offset = (obstacle.centre_world - state.position_world()).xy();
     let approach = (obstacle.velocity_world - state.velocity_world).xy();
-    let squared = approach.norm_squared();
+    let (time_s, nearest_m) = nearest_approach(&offset, &approach, SOON_S);
+    (offset.norm() < FAR_M && nearest_m < NEAR_M).then_some(time_s)
+}
+
+/// When something at `offset` (m) that moves with `velocity` (m/s) comes nearest to the origin, at
+/// most `horizon_s` from now, s, and how near, m.
+pub(super) fn nearest_approach(
+    offset: &Vector2<f64>,
+    velocity: &Vector2<f64>,
+    horizon_s: f64,
+) -> (f64, f64) {
+    let squared = velocity.norm_squared();
     let time_s = if squared > 1e-6 {
-        (-offset.dot(&approach) / squared).clamp(0.0, SOON_S)
+        (-offset.dot(velocity) / squared).clamp(0.0, horizon_s)
     } else {
         0.0
     };
-    let nearest_m = (offset + approach * time_s).norm();
-    (offset.norm() < FAR_M && nearest_m < NEAR_M).then_some(time_s)
+    (time_s, (offset + velocity * time_s).norm())
 }
 
 #[cfg(test)]
