@@ -245,6 +245,9 @@ impl Associator {
                 .filter(inside)
                 .min_by(|a, b| distance(a).total_cmp(&distance(b)));
             if let Some(nearest) = nearest {
+                if nearest.detection.footprint == Footprint::Flat {
+                    nearest.faces.open_back();
+                }
                 nearest.track = Some(i);
                 self.fates[i] = Fate::Matched;
             }

@@ -23,6 +23,9 @@ pub(super) struct Faces {
     pub covariance: SMatrix<f64, FACES, FACES>,
     /// Which of them the image shows. One that it does not show is at least as far out.
     pub shown: [bool; FACES],
+    /// The side that faces away from the camera, of the axis that lies closest to the line of
+    /// sight; of a flat piece the one behind its surface.
+    back: usize,
 }
 
 /// -1 for the lower side of an axis, +1 for the upper one.
@@ -47,13 +50,20 @@ impl Faces {
                 + side_sign(face) * 0.5 * detection.size_m[axis];
         }
         let shown = shown_faces(detection, &axes, camera_world, hidden);
+        let back = back_face(detection, &axes, camera_world);
         Self {
             yaw_rad: detection.yaw_rad,
             axes,
             places,
-            covariance: face_covariance(detection, &axes, &shown, shape_noise_m),
+            covariance: face_covariance(detection, &axes, &shown, back, shape_noise_m),
             shown,
+            back,
         }
+    }
+
+    /// The box stands for the surface of something that is not flat: what lies behind is unknown.
+    pub fn open_back(&mut self) {
+        self.shown[self.back] = false;
     }
 
     /// Length along an axis, m.
@@ -101,6 +111,7 @@ fn face_covariance(
     detection: &Detection,
     axes: &[Vector3<f64>; 3],
     shown: &[bool; FACES],
+    back: usize,
     shape_noise_m: f64,
 ) -> SMatrix<f64, FACES, FACES> {
     let axes = Matrix3::from_columns(axes);
@@ -128,7 +139,22 @@ fn face_covariance(
     for face in 0..FACES {
         covariance[(face, face)] += shape_noise_m * shape_noise_m;
     }
+    let front = back ^ 1;
+    if detection.footprint == Footprint::Round && shown[front] && !shown[back] {
+        covariance[(front, front)] += partial_front_m(detection, front / 2).powi(2);
+    }
     covariance
+}
+
+/// Standard deviation of the place of a front that is seen in part, m: its nearest point may lie in
+/// the part that is not seen, and the front then comes nearer while more of it comes into view.
+fn partial_front_m(detection: &Detection, depth_axis: usize) -> f64 {
+    /// Of this width the nearest point is seen.
+    const HALF_BODY_M: f64 = 0.35;
+    /// How far a front recedes over its half width.
+    const SLOPE: f64 = 0.6;
+    let width_m = detection.size_m[1 - depth_axis];
+    SLOPE * (HALF_BODY_M - width_m).max(0.0)
 }
 
 /// Variance of the one side that is seen along an axis.
@@ -148,6 +174,20 @@ fn single_face_variance(detection: &Detection, centre: &Matrix3<f64>, axis: usiz
     };
     let pitch_m = detection.size_m[axis] / (f64::from(pixels) + 1.0);
     shared + (pitch_m * pitch_m).min(0.5 * length)
+}
+
+/// The side that faces away from the camera.
+fn back_face(
+    detection: &Detection,
+    axes: &[Vector3<f64>; 3],
+    camera_world: &Vector3<f64>,
+) -> usize {
+    let sight = detection.centre_world - camera_world;
+    let axis = match detection.footprint {
+        Footprint::Flat => 1,
+        Footprint::Round => usize::from(axes[1].dot(&sight).abs() > axes[0].dot(&sight).abs()),
+    };
+    2 * axis + usize::from(axes[axis].dot(&sight) >= 0.0)
 }
 
 /// Which sides the image shows.
