@@ -14,11 +14,11 @@ parameters! {
         /// Length of an interval, s.
         pub interval_s: f64 = 0.06, within(0.02, 0.2);
         /// Greatest commanded roll and pitch, degrees.
-        pub max_tilt_deg: f64 = 12.0, within(1.0, 35.0);
+        pub max_tilt_deg: f64 = 16.0, within(1.0, 35.0);
         /// Greatest commanded climb rate, up and down, m/s.
         pub max_climb_m_s: f64 = 1.0, within(0.1, 5.0);
         /// Greatest commanded yaw rate, degrees per second.
-        pub max_yaw_rate_deg_s: f64 = 90.0, within(5.0, 360.0);
+        pub max_yaw_rate_deg_s: f64 = 150.0, within(5.0, 360.0);
         /// Body that stands for compact obstacles.
         pub hull: Hull = Hull::Cylinder, any();
         /// Horizontal widening of an upright ellipsoid, so that it contains the cylinder.
@@ -44,9 +44,9 @@ parameters! {
         /// Inputs as shares of their limits.
         pub input_weight: f64 = 0.1, within(1e-4, 1e4);
         /// Yaw away from the wanted one at the last point.
-        pub yaw_weight: f64 = 0.5, within(0.0, 1e4);
+        pub yaw_weight: f64 = 2.0, within(0.0, 1e4);
         /// The same at every point before.
-        pub stage_yaw_weight: f64 = 0.05, within(0.0, 1e4);
+        pub stage_yaw_weight: f64 = 0.4, within(0.0, 1e4);
         /// Horizontal speed above the limit.
         pub speed_weight: f64 = 2.0, within(0.0, 1e4);
         /// Width of the transition at the speed limit, m/s.

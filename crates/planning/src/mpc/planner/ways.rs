@@ -1,6 +1,6 @@
 //! Other guesses and ways round: what helps where the program alone would stand still.
 
-use alula_messages::PLAN_INTERVALS;
+use alula_messages::{ObstacleMotion, PLAN_INTERVALS};
 use alula_optim::ocp::OcpExit;
 use nalgebra::Vector3;
 
@@ -12,7 +12,7 @@ use super::super::request::PlanRequest;
 use super::{PredictivePlanner, Solution, position};
 
 /// Another solution replaces the first when its cost is lower by this share.
-const BETTER: f64 = 0.02;
+const BETTER: f64 = 0.15;
 /// A solution that lacks more clearance than this is tried again from another guess, m.
 const BLOCKED_M: f64 = 0.02;
 /// A plan comes to a halt when it ends further from the goal than this, m,
@@ -26,7 +26,8 @@ const VIA_LEAD_M: f64 = 2.0;
 
 impl PredictivePlanner {
     /// Solves again from a guess that leads past the nearest obstacle if the solution comes too
-    /// near to one, and keeps the better solution. The side alternates from call to call.
+    /// near to one or to a halt, and keeps the better solution. The side alternates from call to
+    /// call.
     pub(super) fn try_other_guess(
         &mut self,
         request: &PlanRequest<'_>,
@@ -34,7 +35,9 @@ impl PredictivePlanner {
         target: &Vector3<f64>,
         first: Solution,
     ) -> Solution {
-        if first.violation_m <= BLOCKED_M {
+        let last = &first.path.states[PLAN_INTERVALS];
+        let halts = is_halting(request, target, last);
+        if first.violation_m <= BLOCKED_M && !halts {
             return first;
         }
         self.side = -self.side;
@@ -97,6 +100,7 @@ impl PredictivePlanner {
     }
 
     /// Begins a way round when the plan comes to a halt before an obstacle on the straight way.
+    /// One that moves is gone before it is passed: aiming beside it would follow it.
     pub(super) fn find_detour(
         &mut self,
         request: &PlanRequest<'_>,
@@ -109,12 +113,16 @@ impl PredictivePlanner {
             detour.count(advance.norm() < STANDING_M);
             return;
         }
-        if !self.is_halting(request, goal) {
+        if !is_halting(request, goal, &self.path.states[PLAN_INTERVALS]) {
             return;
         }
         let (from, quantile) = (position(start), self.problem.quantile);
         let mut blocking: Option<(f64, usize)> = None;
         for (slot, keepout) in self.volumes().iter().enumerate() {
+            let obstacle = self.threats.get(slot).map(|t| &request.obstacles[t.index]);
+            if obstacle.is_some_and(|o| o.motion == ObstacleMotion::Moving) {
+                continue;
+            }
             let clearance = detour::straight_clearance_m(keepout, quantile, &from, goal);
             let distance = (keepout.centre - from).norm();
             if clearance < 0.0 && blocking.is_none_or(|(least, _)| distance < least) {
@@ -132,13 +140,13 @@ impl PredictivePlanner {
             })
         });
     }
+}
 
-    /// Whether the plan ends far from the goal and slowly.
-    fn is_halting(&self, request: &PlanRequest<'_>, goal: &Vector3<f64>) -> bool {
-        let last = &self.plan.points[PLAN_INTERVALS];
-        let way = goal - last.position_world;
-        let distance_m = way.norm();
-        let speed = way.dot(&last.velocity_world) / distance_m.max(1e-9);
-        distance_m > FAR_M && speed < SLOW_SHARE * request.max_speed_m_s[PLAN_INTERVALS]
-    }
+/// Whether a plan that ends in this state ends far from the goal and slowly.
+fn is_halting(request: &PlanRequest<'_>, goal: &Vector3<f64>, last: &State) -> bool {
+    let way = goal - position(last);
+    let distance_m = way.norm();
+    let velocity = Vector3::new(last[3], last[4], last[5]);
+    let speed = way.dot(&velocity) / distance_m.max(1e-9);
+    distance_m > FAR_M && speed < SLOW_SHARE * request.max_speed_m_s[PLAN_INTERVALS]
 }
