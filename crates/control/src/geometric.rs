@@ -65,7 +65,7 @@ parameters! {
         /// Gain from yaw error to yaw rate of the attitude and thrust command, 1/s.
         pub yaw_gain_1_s: f64 = 2.0, within(0.0, 20.0);
         /// Greatest yaw rate of the attitude and thrust command, rad/s.
-        pub max_yaw_rate_rad_s: f64 = 1.5, within(0.01, 10.0);
+        pub max_yaw_rate_rad_s: f64 = 2.6, within(0.01, 10.0);
         /// Time by which the tilt of the attitude and thrust command runs ahead along its
         /// predicted course, s: the delay of the autopilot's attitude loop.
         pub attitude_lead_s: f64 = 0.0, within(0.0, 0.5);

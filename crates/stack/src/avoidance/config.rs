@@ -67,6 +67,15 @@ parameters! {
         /// Clearance to be lost by something that comes near from which on a hovering vehicle
         /// gives way, m.
         pub give_way_m: f64 = 0.8, within(0.0, 5.0);
+        /// For this long after somebody who moves was seen the vehicle looks round for others and
+        /// for who left the view, s.
+        pub wary_s: f64 = 10.0, within(0.0, 600.0);
+        /// Speed of a fast walker, m/s: from the side can come who is no slower than the vehicle.
+        pub walker_m_s: f64 = 1.3, within(0.1, 5.0);
+        /// A direction from which somebody can come is looked at again after this time, s.
+        pub glance_s: f64 = 1.0, within(0.1, 60.0);
+        /// Greatest angle between the camera and the way while doing so in flight, degrees.
+        pub glance_deg: f64 = 50.0, within(0.0, 180.0);
         /// A hovering vehicle returns after nothing has come near for this long, s.
         pub return_s: f64 = 1.5, within(0.0, 60.0);
         /// Coming nearer to the goal by less than `progress_m` in this time is a stall, s.

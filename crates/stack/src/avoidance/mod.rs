@@ -3,10 +3,10 @@
 
 mod caution;
 mod config;
+mod glance;
 mod headway;
 mod pace;
 mod poses;
-mod watch;
 
 pub use config::{AvoidanceConfig, ConductConfig};
 
@@ -23,6 +23,7 @@ use alula_planning::mpc::{
 use alula_planning::route::{Route, RouteEnd, RoutePlanner};
 use nalgebra::Vector3;
 
+use glance::{Glance, nearest_approach};
 use headway::Headway;
 use poses::PastPoses;
 
@@ -88,6 +89,7 @@ pub struct Avoidance {
     /// What the last image shows, to tell a camera that is stuck.
     fingerprint: Option<u64>,
     view: Option<FieldOfView>,
+    glance: Glance,
     planned: Option<Timestamp>,
     plan: Option<Plan>,
     /// Height at which the way to the present goal began, m.
@@ -126,6 +128,7 @@ impl Avoidance {
             newest_image: None,
             fingerprint: None,
             view: None,
+            glance: Glance::new(),
             planned: None,
             plan: None,
             start_height_m: None,
@@ -204,9 +207,15 @@ impl Avoidance {
         }
         self.seen.update(contour);
         self.seen.mark_here(&position, OWN_SPACE_M, image.time);
+        let world_from_camera = past.world_from_body * image.body_from_camera;
+        let half_view_rad = (0.5 * f64::from(image.camera.width_px) / image.camera.fx_px).atan();
+        let axis = world_from_camera.rotation * Vector3::z();
+        let heading_rad = axis.y.atan2(axis.x);
+        self.glance
+            .note(image.time, heading_rad, half_view_rad, obstacles);
         self.view = Some(FieldOfView::new(
-            &(past.world_from_body * image.body_from_camera),
-            2.0 * (0.5 * f64::from(image.camera.width_px) / image.camera.fx_px).atan(),
+            &world_from_camera,
+            2.0 * half_view_rad,
             2.0 * (0.5 * f64::from(image.camera.height_px) / image.camera.fy_px).atan(),
             self.max_depth_m,
             self.conduct.view_setback_m,
@@ -400,9 +409,17 @@ impl Avoidance {
         self.make_plan(output, stop, Arrival::Stop, yaw);
     }
 
-    fn look_where(&self, state: &NavState, target_world: &Vector3<f64>) -> YawTarget {
+    fn look_where(&mut self, state: &NavState, target_world: &Vector3<f64>) -> YawTarget {
         let line = target_world.xy() - state.position_world().xy();
-        if let Some(heading_rad) = watch::heading(&self.known, state, &line) {
+        let way_rad = if line.norm() < KEEP_HEADING_M {
+            so3::yaw_rad(&state.world_from_body.rotation)
+        } else {
+            line.y.atan2(line.x)
+        };
+        let glance = self
+            .glance
+            .heading(state, way_rad, &self.known, &self.conduct);
+        if let Some(heading_rad) = glance {
             return YawTarget::Towards(heading_rad);
         }
         if line.norm() < KEEP_HEADING_M {
@@ -433,7 +450,11 @@ impl Avoidance {
             max_speed_m_s: &max_speed_m_s,
             obstacles: &self.known,
             height_band_m: Some(self.height_band_m(target_world.z)),
-            view: self.view.as_ref(),
+            // Who looks round does not fly where he looks.
+            view: self
+                .view
+                .as_ref()
+                .filter(|_| !self.glance.is_wary(output.time, &self.conduct)),
         });
         output.plan = Some(*plan);
         self.plan = Some(*plan);
@@ -510,7 +531,7 @@ impl Avoidance {
         let age_s = now.seconds_since(obstacle.time);
         let offset = (obstacle.centre_after(age_s) - hold.position_world).xy();
         let velocity = obstacle.velocity_world.xy();
-        let (_, nearest_m) = watch::nearest_approach(&offset, &velocity, AHEAD_S);
+        let (_, nearest_m) = nearest_approach(&offset, &velocity, AHEAD_S);
         let size_m = 0.5 * obstacle.size_m.xy().max();
         nearest_m - size_m - self.radius_m < self.conduct.give_way_m
     }

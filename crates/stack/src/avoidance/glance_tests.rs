@@ -1,0 +1,138 @@
+use super::*;
+use alula_geometry::TimeDelta;
+use alula_messages::ObstacleCovariance;
+use nalgebra::Vector3;
+
+/// Half of the view of the camera, rad.
+const HALF_VIEW_RAD: f64 = 0.75;
+
+/// Someone at a place with a velocity, seen at this time.
+fn walker(place: [f64; 2], velocity: [f64; 2], last_seen_s: f64) -> Obstacle {
+    Obstacle {
+        id: 1,
+        time: Timestamp::ZERO,
+        centre_world: Vector3::new(place[0], place[1], 0.9),
+        velocity_world: Vector3::new(velocity[0], velocity[1], 0.0),
+        covariance: ObstacleCovariance::zeros(),
+        yaw_rad: 0.0,
+        size_m: Vector3::new(0.8, 0.8, 1.8),
+        size_variance_m2: Vector3::zeros(),
+        footprint: Footprint::Round,
+        motion: ObstacleMotion::Moving,
+        sight: Sight::Seen,
+        last_seen: Timestamp::from_s(last_seen_s),
+        images: 20,
+    }
+}
+
+/// A vehicle at the origin that flies along x, at this time.
+fn flying(now_s: f64, speed_m_s: f64) -> NavState {
+    NavState {
+        time: Timestamp::from_s(now_s),
+        velocity_world: Vector3::new(speed_m_s, 0.0, 0.0),
+        ..NavState::default()
+    }
+}
+
+/// A vehicle that has looked ahead for five seconds, and saw somebody far away.
+fn looked_ahead() -> Glance {
+    let mut glance = Glance::new();
+    let somebody = [walker([9.0, 0.0], [1.2, 0.0], 0.0)];
+    for step in 0..=50 {
+        let time = Timestamp::from_s(0.1 * f64::from(step));
+        glance.note(time, 0.0, HALF_VIEW_RAD, &somebody);
+    }
+    glance
+}
+
+fn heading(glance: &mut Glance, state: &NavState, known: &[Obstacle]) -> Option<f64> {
+    glance.heading(state, 0.0, known, &ConductConfig::default())
+}
+
+#[test]
+fn where_nobody_is_the_vehicle_looks_ahead() {
+    let mut glance = Glance::new();
+    glance.note(Timestamp::ZERO, 0.0, HALF_VIEW_RAD, &[]);
+    assert_eq!(heading(&mut glance, &flying(0.1, 0.2), &[]), None);
+}
+
+#[test]
+fn the_vehicle_looks_ahead_again_when_nobody_was_seen_for_long() {
+    let mut glance = looked_ahead();
+    let later_s = 5.0 + ConductConfig::default().wary_s + 1.0;
+    assert_eq!(heading(&mut glance, &flying(later_s, 0.2), &[]), None);
+}
+
+#[test]
+fn who_left_the_view_beside_the_vehicle_is_looked_for() {
+    let lost = walker([0.5, 1.6], [0.0, 1.2], 4.5);
+    let heading = heading(&mut looked_ahead(), &flying(5.0, 1.2), &[lost]).unwrap();
+    let bearing = 1.6_f64.atan2(0.5);
+    assert!((heading - bearing).abs() < HALF_VIEW_RAD, "{heading}");
+}
+
+#[test]
+fn who_cannot_catch_up_is_not_looked_for() {
+    let conduct = ConductConfig::default();
+    let behind = walker([-1.5, 0.0], [1.2, 0.0], 4.0);
+    let urgency = walkers(&flying(5.0, 2.0), &[behind], conduct.walker_m_s);
+    assert!(urgency.iter().all(|u| *u == 0.0));
+}
+
+#[test]
+fn of_two_lost_walkers_the_one_who_comes_near_is_looked_at_first() {
+    let comes = walker([1.5, 2.2], [0.0, -1.2], 4.6);
+    let leaves = walker([1.5, -2.2], [0.0, -1.2], 4.6);
+    let turn = heading(&mut looked_ahead(), &flying(5.0, 1.0), &[leaves, comes]);
+    assert!(turn.unwrap() > 0.0);
+}
+
+#[test]
+fn a_slow_vehicle_looks_round_and_a_fast_one_ahead() {
+    let mut slow = looked_ahead();
+    let mut turned = 0.0_f64;
+    for step in 0..60 {
+        let now_s = 5.0 + 0.1 * f64::from(step);
+        let look = heading(&mut slow, &flying(now_s, 0.2), &[]).unwrap_or(0.0);
+        let nobody = [];
+        slow.note(Timestamp::from_s(now_s), look, HALF_VIEW_RAD, &nobody);
+        turned = turned.max(look.abs());
+    }
+    assert!(turned > 2.0, "{turned}");
+    let fast = heading(&mut looked_ahead(), &flying(5.0, 3.0), &[]);
+    assert!(fast.is_none_or(|look| look.abs() < 0.1), "{fast:?}");
+}
+
+#[test]
+fn no_direction_stays_unseen_for_two_turns_of_a_slow_vehicle() {
+    let mut glance = looked_ahead();
+    let mut yaw = 0.0;
+    for step in 0..200 {
+        let now = Timestamp::from_s(5.0) + TimeDelta::from_s(0.05 * f64::from(step));
+        let state = flying(now.as_s(), 0.2);
+        if let Some(wanted) = heading(&mut glance, &state, &[]) {
+            yaw += wrap_angle(wanted - yaw).clamp(-0.1, 0.1);
+        }
+        glance.note(
+            now,
+            yaw,
+            HALF_VIEW_RAD,
+            &[walker([9.0, 0.0], [1.2, 0.0], 0.0)],
+        );
+        if step > 120 {
+            // At 2 rad/s.
+            let oldest = (0..SECTORS).map(|s| now.seconds_since(glance.seen[s].unwrap()));
+            let oldest_s = oldest.fold(0.0, f64::max);
+            assert!(oldest_s < 2.0 * TAU / 2.0, "{oldest_s} at {step}");
+        }
+    }
+}
+
+#[test]
+fn the_nearest_approach_is_where_the_line_is_met_at_a_right_angle() {
+    let (time_s, nearest_m) =
+        nearest_approach(&Vector2::new(3.0, 1.0), &Vector2::new(-1.5, 0.0), 5.0);
+    assert_eq!((time_s, nearest_m), (2.0, 1.0));
+    let (_, at_end_m) = nearest_approach(&Vector2::new(3.0, 1.0), &Vector2::new(-1.5, 0.0), 1.0);
+    assert!((at_end_m - 1.5_f64.hypot(1.0)).abs() < 1e-12);
+}
