@@ -1,7 +1,7 @@
 //! Plausibility of inertial samples: a filter that integrates must not be fed nonsense.
 
 use alula_geometry::Timestamp;
-use alula_messages::{ImuSample, Rejection};
+use alula_messages::{FlightMode, ImuSample, Rejection};
 use alula_parameters::parameters;
 use nalgebra::Vector3;
 
@@ -44,6 +44,27 @@ pub enum ImuVerdict {
     Bridged(ImuSample, Rejection),
     /// Leave it out.
     Rejected(Rejection),
+}
+
+/// Whether the ground may strike the vehicle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Contact {
+    /// It flies where no ground is, or stands.
+    Impossible,
+    /// It is landing: feet that meet the ground make the specific force along the body's z axis
+    /// jump by more than any flight does, and that jump takes the speed of the descent away.
+    Possible,
+}
+
+impl Contact {
+    /// What a mode of flight says about it.
+    pub fn in_mode(mode: FlightMode) -> Self {
+        if mode == FlightMode::Landing {
+            Self::Possible
+        } else {
+            Self::Impossible
+        }
+    }
 }
 
 /// Judges inertial samples one by one.
@@ -94,7 +115,7 @@ impl ImuMonitor {
     }
 
     /// Judges the next sample.
-    pub fn judge(&mut self, sample: &ImuSample) -> ImuVerdict {
+    pub fn judge(&mut self, sample: &ImuSample, contact: Contact) -> ImuVerdict {
         if self.last_time.is_some_and(|last| sample.time <= last) {
             self.backwards += 1;
             return ImuVerdict::Rejected(Rejection::OutOfOrder);
@@ -102,7 +123,7 @@ impl ImuMonitor {
         self.backwards = 0;
         let last_time = self.last_time.replace(sample.time);
         let gap_s = last_time.map_or(0.0, |last| sample.time.seconds_since(last));
-        match (self.fault(sample), self.last_good) {
+        match (self.fault(sample, contact), self.last_good) {
             (None, before) => {
                 self.last_good = Some(*sample);
                 self.agreeing = 0;
@@ -122,7 +143,7 @@ impl ImuMonitor {
         }
     }
 
-    fn fault(&mut self, sample: &ImuSample) -> Option<Rejection> {
+    fn fault(&mut self, sample: &ImuSample, contact: Contact) -> Option<Rejection> {
         let finite = |v: &Vector3<f64>| v.iter().all(|x| x.is_finite());
         if !finite(&sample.specific_force) || !finite(&sample.angular_rate) {
             return Some(Rejection::NotFinite);
@@ -132,20 +153,23 @@ impl ImuMonitor {
         {
             return Some(Rejection::Invalid);
         }
-        let agrees = self.last_raw.is_none_or(|raw| self.is_near(&raw, sample));
+        let is_near = |other: ImuSample| self.is_near(&other, sample, contact);
+        let agrees = self.last_raw.is_none_or(is_near);
+        let is_good = self.last_good.is_none_or(is_near);
         self.last_raw = Some(*sample);
-        if self
-            .last_good
-            .is_none_or(|good| self.is_near(&good, sample))
-        {
+        if is_good {
             return None;
         }
         self.agreeing = if agrees { self.agreeing + 1 } else { 0 };
         (self.agreeing < AGREEING_SAMPLES).then_some(Rejection::Outlier)
     }
 
-    fn is_near(&self, a: &ImuSample, b: &ImuSample) -> bool {
-        (a.specific_force - b.specific_force).norm() <= self.limits.max_specific_force_jump_m_s2
+    fn is_near(&self, a: &ImuSample, b: &ImuSample, contact: Contact) -> bool {
+        let mut jump = a.specific_force - b.specific_force;
+        if contact == Contact::Possible {
+            jump.z = 0.0;
+        }
+        jump.norm() <= self.limits.max_specific_force_jump_m_s2
             && (a.angular_rate - b.angular_rate).norm() <= self.limits.max_angular_rate_jump_rad_s
     }
 }
@@ -174,7 +198,7 @@ mod tests {
     fn monitor() -> ImuMonitor {
         let mut monitor = ImuMonitor::new(ImuLimits::default());
         assert_eq!(
-            monitor.judge(&sample(4, 0.0)),
+            monitor.judge(&sample(4, 0.0), Contact::Impossible),
             ImuVerdict::Good(sample(4, 0.0))
         );
         monitor
@@ -182,7 +206,7 @@ mod tests {
 
     #[test]
     fn numbers_that_are_not_finite_are_bridged_with_the_last_good_reading() {
-        let verdict = monitor().judge(&sample(8, f64::NAN));
+        let verdict = monitor().judge(&sample(8, f64::NAN), Contact::Impossible);
         assert_eq!(
             verdict,
             ImuVerdict::Bridged(sample(8, 0.0), Rejection::NotFinite)
@@ -191,7 +215,7 @@ mod tests {
 
     #[test]
     fn saturated_samples_are_bridged() {
-        let verdict = monitor().judge(&sample(8, 156.9));
+        let verdict = monitor().judge(&sample(8, 156.9), Contact::Impossible);
         assert_eq!(
             verdict,
             ImuVerdict::Bridged(sample(8, 0.0), Rejection::Invalid)
@@ -203,7 +227,7 @@ mod tests {
         let mut monitor = monitor();
         for i in 0..100 {
             let x = if i % 2 == 0 { 90.0 } else { -90.0 };
-            let verdict = monitor.judge(&sample(8 + 4 * i, x));
+            let verdict = monitor.judge(&sample(8 + 4 * i, x), Contact::Impossible);
             assert!(matches!(
                 verdict,
                 ImuVerdict::Bridged(_, Rejection::Outlier)
@@ -212,11 +236,60 @@ mod tests {
         assert!(monitor.is_lost(sample(408, 0.0).time));
     }
 
+    /// A sample with this specific force along the body's z axis.
+    fn pushed(ms: i64, z: f64) -> ImuSample {
+        let mut sample = sample(ms, 0.0);
+        sample.specific_force.z = z;
+        sample
+    }
+
+    /// Sum of the specific forces along z over the samples of an impact of the feet on the ground,
+    /// as the filter gets them, and as they are.
+    fn impact(contact: Contact) -> (f64, f64) {
+        let mut monitor = monitor();
+        let readings = [70.0, 55.0, 38.0, 22.0, 8.0, 9.8];
+        let mut used = 0.0;
+        for (i, z) in readings.iter().enumerate() {
+            match monitor.judge(&pushed(8 + 4 * i as i64, *z), contact) {
+                ImuVerdict::Good(sample) | ImuVerdict::Bridged(sample, _) => {
+                    used += sample.specific_force.z;
+                }
+                other => panic!("{other:?}"),
+            }
+        }
+        (used, readings.iter().sum())
+    }
+
+    #[test]
+    fn in_a_landing_the_ground_may_push() {
+        let (used, true_sum) = impact(Contact::Possible);
+        assert_eq!(used, true_sum);
+    }
+
+    #[test]
+    fn in_flight_such_a_push_is_an_outlier() {
+        let (used, true_sum) = impact(Contact::Impossible);
+        assert!(used < 0.5 * true_sum, "{used} of {true_sum}");
+    }
+
+    #[test]
+    fn in_a_landing_jumps_across_are_outliers_all_the_same() {
+        let verdict = monitor().judge(&sample(8, 90.0), Contact::Possible);
+        assert_eq!(
+            verdict,
+            ImuVerdict::Bridged(sample(8, 0.0), Rejection::Outlier)
+        );
+    }
+
     #[test]
     fn a_lasting_change_is_believed_after_a_few_samples() {
         let mut monitor = monitor();
-        let believed = (0..10)
-            .find(|i| matches!(monitor.judge(&sample(8 + 4 * i, 90.0)), ImuVerdict::Good(_)));
+        let believed = (0..10).find(|i| {
+            matches!(
+                monitor.judge(&sample(8 + 4 * i, 90.0), Contact::Impossible),
+                ImuVerdict::Good(_)
+            )
+        });
         assert_eq!(believed, Some(i64::from(AGREEING_SAMPLES)));
     }
 
@@ -225,7 +298,7 @@ mod tests {
         let mut monitor = monitor();
         for _ in 0..BACKWARD_SAMPLES {
             assert!(!monitor.is_lost(sample(4, 0.0).time));
-            let verdict = monitor.judge(&sample(4, 0.0));
+            let verdict = monitor.judge(&sample(4, 0.0), Contact::Impossible);
             assert_eq!(verdict, ImuVerdict::Rejected(Rejection::OutOfOrder));
         }
         assert!(monitor.is_lost(sample(4, 0.0).time));

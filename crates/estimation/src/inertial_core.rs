@@ -11,7 +11,7 @@ use nalgebra::{Translation3, Vector3};
 
 use crate::eskf::{Filter, ImuNoise, InertialInput};
 use crate::history::History;
-use crate::imu::{ImuLimits, ImuMonitor, ImuVerdict};
+use crate::imu::{Contact, ImuLimits, ImuMonitor, ImuVerdict};
 use crate::measurement::{Gates, Measurement, rejected};
 
 /// Measurements that can wait for inertial data.
@@ -77,12 +77,12 @@ impl InertialCore {
 
     /// Judges a sample and tells if it was not plainly used; `None` if it must be left out. The
     /// factor is that on its noise.
-    pub fn judge(&mut self, sample: &ImuSample) -> Option<(ImuSample, f64)> {
+    pub fn judge(&mut self, sample: &ImuSample, contact: Contact) -> Option<(ImuSample, f64)> {
         // A gap beyond the limit must not be bridged by the sample that ends it.
         if self.running && self.monitor.is_lost(sample.time) {
             self.fail();
         }
-        match self.monitor.judge(sample) {
+        match self.monitor.judge(sample, contact) {
             ImuVerdict::Good(sample) => Some((sample, 1.0)),
             ImuVerdict::AfterGap(sample) => Some((sample, self.monitor.bridge_noise_factor())),
             ImuVerdict::Bridged(bridged, reason) => {

@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 
 use crate::Estimator;
 use crate::eskf::{ErrorVector, Filter, ImuNoise, Nominal};
-use crate::imu::ImuLimits;
+use crate::imu::{Contact, ImuLimits};
 use crate::inertial_core::InertialCore;
 use crate::measurement::{Measurement, OrientationMeasurement, PositionMeasurement};
 use crate::watch::Watch;
@@ -87,13 +87,14 @@ impl PoseImu {
         })
     }
 
-    fn take_inertial(&mut self, batch: &SensorBatch) {
+    fn take_inertial(&mut self, batch: &SensorBatch, mode: FlightMode) {
         if self.core.has_failed() && self.core.inertial_data_lost(batch.now) {
             self.core.forget();
             self.early.clear();
         }
+        let contact = Contact::in_mode(mode);
         for sample in &batch.imu {
-            let Some((sample, noise_scale)) = self.core.judge(sample) else {
+            let Some((sample, noise_scale)) = self.core.judge(sample, contact) else {
                 continue;
             };
             if self.core.is_running() {
@@ -222,7 +223,7 @@ impl PoseImu {
 impl Estimator for PoseImu {
     fn update(&mut self, batch: &SensorBatch, mode: FlightMode) {
         self.core.begin_update();
-        self.take_inertial(batch);
+        self.take_inertial(batch, mode);
         for sample in &batch.poses {
             self.take_pose(sample, batch);
         }

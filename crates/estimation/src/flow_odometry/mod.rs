@@ -16,6 +16,7 @@ use nalgebra::Vector3;
 use crate::Estimator;
 use crate::alignment::Alignment;
 use crate::eskf::ErrorVector;
+use crate::imu::Contact;
 use crate::inertial_core::InertialCore;
 use crate::measurement::{FlowMeasurement, Measurement, RangeMeasurement};
 use crate::watch::{Repetition, Watch};
@@ -84,8 +85,9 @@ impl FlowOdometry {
             self.core.forget();
             self.alignment.reset();
         }
+        let contact = Contact::in_mode(mode);
         for sample in &batch.imu {
-            let Some((sample, noise_scale)) = self.core.judge(sample) else {
+            let Some((sample, noise_scale)) = self.core.judge(sample, contact) else {
                 continue;
             };
             if self.core.is_running() {
