@@ -4,6 +4,7 @@
 
 mod avoidance;
 mod config;
+mod ground_range;
 mod guide;
 
 pub use avoidance::{Avoidance, AvoidanceConfig, ConductConfig};
@@ -13,15 +14,15 @@ pub use guide::{Guide, GuideConfig};
 use alula_control::geometric::GeometricController;
 use alula_control::modes::{FlightModes, Progress, Situation};
 use alula_estimation::Estimator;
-use alula_geometry::{Timestamp, so3};
+use alula_geometry::Timestamp;
 use alula_messages::{
-    Command, FlightMode, GuardReport, Intent, NavState, RangeSample, Refusal, SensorBatch,
-    StackOutput,
+    Command, FlightMode, GuardReport, Intent, NavState, Refusal, SensorBatch, StackOutput,
 };
 use alula_parameters::ParameterError;
 use alula_safety::{Guard, GuardInput};
 
 use avoidance::Lead;
+use ground_range::GroundRange;
 
 /// A part of a step, for those who measure how long each takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -187,7 +188,12 @@ impl Stack {
 
     /// Keeps what the modes need of the raw data.
     fn observe(&mut self, batch: &SensorBatch) {
-        if let Some(sample) = batch.infrared.last().or(batch.sonar.last()) {
+        let ranges = if batch.infrared.is_empty() {
+            &batch.sonar
+        } else {
+            &batch.infrared
+        };
+        for sample in ranges {
             self.ground_range.take(sample);
         }
         if let Some(status) = batch.autopilot.last() {
@@ -331,28 +337,6 @@ fn is_airborne(mode: FlightMode) -> bool {
         mode,
         FlightMode::TakingOff | FlightMode::Hovering | FlightMode::Flying | FlightMode::Landing
     )
-}
-
-/// The latest distance to the ground, from the raw ranger.
-#[derive(Clone, Copy, Debug, Default)]
-struct GroundRange {
-    sample: Option<RangeSample>,
-}
-
-impl GroundRange {
-    /// Readings older than this say nothing about the present, s.
-    const MAX_AGE_S: f64 = 0.3;
-
-    fn take(&mut self, sample: &RangeSample) {
-        self.sample = Some(*sample);
-    }
-
-    /// Height of the ranger above the ground, with the beam tilted as the vehicle is, m.
-    fn height_m(&self, state: &NavState, now: Timestamp) -> Option<f64> {
-        let sample = self.sample.filter(|s| s.is_valid())?;
-        let fresh = now.seconds_since(sample.time) < Self::MAX_AGE_S;
-        fresh.then(|| sample.range_m * so3::tilt_rad(&state.world_from_body.rotation).cos())
-    }
 }
 
 fn situation<'a>(

@@ -38,13 +38,13 @@ parameters! {
         /// Time constant of the share of the weight that the ground carries, s.
         pub support_time_constant_s: f64 = 0.1, within(0.01, 1.0);
         /// A range up to this much above its value before take-off means the ground, m.
-        pub near_ground_m: f64 = 0.15, within(0.02, 1.0);
+        pub near_ground_m: f64 = 0.1, within(0.02, 1.0);
         /// Greatest vertical speed of a vehicle that stands, by an estimate that is good, m/s.
         pub speed_m_s: f64 = 0.3, within(0.02, 2.0);
         /// Share of the weight on the ground when the range agrees.
         pub near_support: f64 = 0.2, within(0.1, 0.9);
         /// ... and for how long, s.
-        pub near_dwell_s: f64 = 0.5, within(0.1, 10.0);
+        pub near_dwell_s: f64 = 0.4, within(0.1, 10.0);
         /// Share of the weight on the ground when there is no range.
         pub blind_support: f64 = 0.3, within(0.1, 0.9);
         /// ... and for how long, s.

@@ -37,7 +37,7 @@ pub struct Situation<'a> {
     pub time: Timestamp,
     /// The estimate.
     pub state: &'a NavState,
-    /// Height above the ground below by a raw range that is recent and valid, corrected for the
+    /// Height above the ground below by a raw range that is recent, corrected for the
     /// tilt, m.
     pub height_above_ground_m: Option<f64>,
     /// Collective thrust that is produced (or else commanded), as a share of the greatest possible.
