@@ -14,6 +14,11 @@ use crate::rules::{Stages, stages};
 const RANGE_EXPECTED_M: f64 = 0.6;
 /// A valid range counts as present for this long, s; a longer silence is another finding.
 const PRESENT_S: f64 = 0.3;
+/// From this share of the weight on the ground on, a landing is about to end: twice the drag of
+/// the descent, and what the flight modes ask for near the ground.
+const STANDING_SUPPORT: f64 = 0.2;
+/// The flight modes end such a landing within this time, or do not know the ground, s.
+const STANDING_S: f64 = 1.5;
 /// Rounding that a thrust at its limit may have.
 const THRUST_ROUNDING: f64 = 1e-6;
 
@@ -100,6 +105,8 @@ pub(crate) struct View<'a> {
     pub(crate) range_expected_s: f64,
     /// Whether the vehicle avoids what it sees.
     pub(crate) needs_depth: bool,
+    /// Share of the weight that the ground carries; zero when it cannot be known.
+    pub(crate) support: f64,
 }
 
 impl Check {
@@ -384,6 +391,7 @@ impl View<'_> {
     }
 
     /// A landing by an estimate that nothing corrects: neither velocity nor height, and no range.
+    /// One that the ground carries is left to the flight modes for a while.
     fn blind_landing(&self) -> Option<(f64, f64)> {
         let EstimateHealth::Degraded {
             since_velocity_s,
@@ -393,7 +401,12 @@ impl View<'_> {
             return None;
         };
         let blind = self.mode == FlightMode::Landing && self.raw.range_height_m().is_none();
-        over(since_velocity_s.min(since_height_s), PRESENT_S).filter(|_| blind)
+        let patience_s = if self.support < STANDING_SUPPORT {
+            PRESENT_S
+        } else {
+            STANDING_S
+        };
+        over(since_velocity_s.min(since_height_s), patience_s).filter(|_| blind)
     }
 
     fn flow_lost(&self) -> Option<(f64, f64)> {

@@ -86,7 +86,7 @@ parameters! {
         pub degraded_s: f64 = 2.0, within(0.1, 60.0);
         /// Descend when in a landing neither velocity nor height has been corrected, and no range
         /// has arrived, for this long, s.
-        pub blind_landing_s: f64 = 0.4, within(0.0, 10.0);
+        pub blind_landing_s: f64 = 0.6, within(0.0, 10.0);
         /// Greatest standard deviation of a horizontal coordinate of the position, m. Odometry
         /// drifts without bound, so this limits the length of a flight as well.
         pub position_sigma_m: f64 = 10.0, within(0.1, 10000.0);
@@ -196,7 +196,7 @@ parameters! {
         /// ... for this long, s.
         pub cut_s: f64 = 0.2, within(0.02, 5.0);
         /// While the ground is suspected, thrust falls by this much, m/s^2 per s.
-        pub probe_m_s3: f64 = 1.0, within(0.1, 10.0);
+        pub probe_m_s3: f64 = 2.0, within(0.1, 10.0);
         /// The range above its value before take-off that means the ground, m.
         pub near_ground_m: f64 = 0.1, within(0.02, 1.0);
         /// The motors are cut after being that near for this long, s.

@@ -191,7 +191,7 @@ impl Descent {
     }
 
     /// Share of the weight that the ground carries; zero when it cannot be known.
-    fn support(&self, raw: &RawMotion) -> f64 {
+    pub(crate) fn support(&self, raw: &RawMotion) -> f64 {
         match self.thrust_n {
             Some(thrust_n) if raw.imu_is_fresh() => {
                 raw.lift_m_s2 / GRAVITY_M_S2 - thrust_n / self.hover_thrust_n

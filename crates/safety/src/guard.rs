@@ -269,6 +269,7 @@ impl Guard {
             flow_expected_s: elapsed_s(self.flow_expected_since),
             range_expected_s: elapsed_s(self.range_expected_since),
             needs_depth: self.needs_depth,
+            support: self.descent.support(&self.raw),
         };
         let mut gravest = (Fallback::None, None);
         let mut doubted = false;

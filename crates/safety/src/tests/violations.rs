@@ -408,7 +408,37 @@ fn a_landing_that_sees_nothing_becomes_a_descent() {
             since_height_s: 0.5,
         };
     });
-    bench.expect(Violation::RangeLost, Fallback::Descend, 0.6, 0.8);
+    bench.expect(Violation::RangeLost, Fallback::Descend, 0.8, 1.0);
+}
+
+#[test]
+fn a_landing_that_the_ground_carries_is_left_to_end() {
+    let mut bench = Bench::hovering();
+    bench.mode = FlightMode::Landing;
+    bench.range = Range::Silent;
+    bench.requested = thrust(0.7 * HOVER_N);
+    bench.spoil = Box::new(|state| {
+        state.health = EstimateHealth::Degraded {
+            since_velocity_s: 0.5,
+            since_height_s: 0.5,
+        };
+    });
+    bench.expect_nothing(3.0);
+}
+
+#[test]
+fn a_landing_that_the_ground_carries_and_that_does_not_end_is_taken_over() {
+    let mut bench = Bench::hovering();
+    bench.mode = FlightMode::Landing;
+    bench.range = Range::Silent;
+    bench.requested = thrust(0.7 * HOVER_N);
+    bench.spoil = Box::new(|state| {
+        state.health = EstimateHealth::Degraded {
+            since_velocity_s: 2.0,
+            since_height_s: 2.0,
+        };
+    });
+    bench.expect(Violation::RangeLost, Fallback::Descend, 0.6, 1.0);
 }
 
 #[test]
