@@ -11,6 +11,7 @@ mod figures;
 mod outlines;
 mod page;
 mod plot;
+mod study_page;
 mod words;
 
 use std::process::ExitCode;
@@ -36,6 +37,7 @@ const EXAMPLES: &str = "Examples:
   alula report out/among-people-1            draw a flight again
   alula replay out/among-people-1/flight.mcap
   alula estimate V1_01_easy --estimator pose-imu --pose-rate-hz 10 --pose-delay-s 0.1
+  alula study obstacle-tracking              a table of a source document, measured anew
   alula check scenarios/forest.toml flight.mcap
 
 Exit codes: 0 success, 1 the flight or comparison failed, 2 bad input.";
@@ -47,6 +49,7 @@ enum Command {
     Campaign(commands::campaign::Arguments),
     Replay(commands::replay::Arguments),
     Estimate(commands::estimate::Arguments),
+    Study(commands::study::Arguments),
     Check(commands::check::Arguments),
     Report(commands::report::Arguments),
 }
@@ -57,6 +60,7 @@ fn main() -> ExitCode {
         Command::Campaign(arguments) => commands::campaign::run(&arguments),
         Command::Replay(arguments) => commands::replay::run(&arguments),
         Command::Estimate(arguments) => commands::estimate::run(&arguments),
+        Command::Study(arguments) => commands::study::run(&arguments),
         Command::Check(arguments) => commands::check::run(&arguments),
         Command::Report(arguments) => commands::report::run(&arguments),
     };

@@ -235,6 +235,32 @@ impl Table {
         html.push_str("</tr>\n");
     }
 
+    /// The table as lines of text, the header first.
+    pub fn to_lines(&self) -> Vec<String> {
+        let rows = || {
+            [&self.header]
+                .into_iter()
+                .chain(self.rows.iter().map(|row| &row.cells))
+        };
+        let width = |column: usize| {
+            let cells = rows().filter_map(|cells| cells.get(column));
+            cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
+        };
+        let padded = |(column, cell): (usize, &String)| {
+            let width = width(column);
+            if self.is_numeric(column) {
+                format!("{cell:>width$}")
+            } else {
+                format!("{cell:<width$}")
+            }
+        };
+        let line = |cells: &Vec<String>| {
+            let cells: Vec<String> = cells.iter().enumerate().map(padded).collect();
+            cells.join("   ").trim_end().to_owned()
+        };
+        rows().map(line).collect()
+    }
+
     /// Whether the column holds numbers only, and places where one is missing.
     fn is_numeric(&self, column: usize) -> bool {
         let cells = || self.rows.iter().filter_map(|row| row.cells.get(column));
@@ -374,6 +400,18 @@ mod tests {
         assert_eq!(
             [0, 1, 2, 9].map(|column| table.is_numeric(column)),
             [false, true, true, false]
+        );
+    }
+
+    #[test]
+    fn lines_of_text_have_their_numbers_flush_right() {
+        assert_eq!(
+            page().tables[0].to_lines(),
+            [
+                "name     error (m)   limit (m)",
+                "1st          −0.25         n/a",
+                "second           3           4",
+            ]
         );
     }
 

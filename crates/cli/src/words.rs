@@ -200,3 +200,21 @@ pub fn timing_table(summary: &FlightSummary) -> Table {
         caption: "Wall-clock time on the machine that simulated the flight.".to_owned(),
     }
 }
+
+/// Prints a table: numbers flush right, words flush left.
+pub fn print_columns(header: &[String], rows: &[Vec<String>]) {
+    let table = Table {
+        header: header.to_vec(),
+        rows: rows
+            .iter()
+            .map(|cells| Row {
+                cells: cells.clone(),
+                status: Status::Neutral,
+            })
+            .collect(),
+        ..Table::default()
+    };
+    for line in table.to_lines() {
+        println!("  {line}");
+    }
+}

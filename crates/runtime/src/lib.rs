@@ -5,6 +5,7 @@ pub mod belief;
 pub mod campaign;
 pub mod check;
 pub mod config;
+mod csv;
 pub mod encounters;
 pub mod estimate;
 mod failure;
@@ -15,6 +16,7 @@ pub mod mission;
 pub mod replay;
 pub mod scenario;
 mod scene;
+pub mod study;
 pub mod timing;
 
 use std::path::{Path, PathBuf};

@@ -2,17 +2,15 @@
 
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::thread;
-use std::time::Duration;
 
 use alula_runtime::RunError;
 use alula_runtime::campaign::{
     self, Campaign, CampaignSummary, ClearanceFigures, Difference, Request, Shard, Tally,
 };
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::ProgressBar;
 use serde::Serialize;
 
-use super::{Outcome, Verdict, fly, print_json};
+use super::{Outcome, Verdict, all_cores, fly, print_json, task_bar};
 use crate::words;
 
 /// Fly one scenario with many seeds, on all cores.
@@ -95,7 +93,7 @@ fn fly_campaign(arguments: &Arguments) -> Outcome {
     })?;
     let jobs = arguments.jobs.unwrap_or_else(all_cores);
     let shard = arguments.shard.unwrap_or(Shard::WHOLE);
-    let bar = progress_bar();
+    let bar = task_bar("flights");
     let tally = campaign.fly_missing(shard, jobs, &mut |tally| show(&bar, tally))?;
     bar.finish_and_clear();
     conclude(&campaign, arguments.json)?;
@@ -118,21 +116,6 @@ fn conclude(campaign: &Campaign, json: bool) -> Result<CampaignSummary, RunError
         print(&summary, campaign.folder());
     }
     Ok(summary)
-}
-
-fn all_cores() -> NonZeroUsize {
-    thread::available_parallelism().unwrap_or(NonZeroUsize::MIN)
-}
-
-/// Drawn on stderr, and only on a terminal.
-fn progress_bar() -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
-    let template = "{spinner} {pos}/{len} flights  {msg}  {elapsed} passed, {eta} to go {wide_bar}";
-    if let Ok(style) = ProgressStyle::with_template(template) {
-        bar.set_style(style);
-    }
-    bar.enable_steady_tick(Duration::from_millis(200));
-    bar
 }
 
 fn show(bar: &ProgressBar, tally: &Tally) {

@@ -9,7 +9,7 @@ mod folder;
 mod frozen;
 mod interval;
 mod merge;
-mod pool;
+pub(crate) mod pool;
 mod refly;
 mod row;
 mod rows_file;

@@ -2,10 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use serde_json::Value;
-
 use super::Row;
 use super::row::is_wall_clock;
+use crate::csv::{cell, escaped, line};
 
 /// The columns that come first.
 const FIRST: [&str; 8] = [
@@ -41,26 +40,6 @@ fn columns<'a>(rows: impl Iterator<Item = &'a Row>) -> Vec<&'a str> {
     let mut columns: Vec<&str> = all.into_iter().collect();
     columns.sort_by_key(|column| place(column));
     columns
-}
-
-fn line(cells: impl Iterator<Item = String>) -> String {
-    cells.collect::<Vec<_>>().join(",") + "\n"
-}
-
-fn cell(value: Option<&Value>) -> String {
-    match value {
-        None | Some(Value::Null) => String::new(),
-        Some(Value::String(text)) => escaped(text),
-        Some(other) => escaped(&other.to_string()),
-    }
-}
-
-fn escaped(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.to_owned()
-    }
 }
 
 #[cfg(test)]
