@@ -46,7 +46,7 @@ pub struct Contact {
 
 /// The depth camera as it is fixed to the true vehicle.
 #[derive(Clone, Debug)]
-struct Eye {
+pub(crate) struct Eye {
     body_from_camera: Pose,
     camera: PinholeCamera,
     min_m: f64,
@@ -69,15 +69,9 @@ impl Encounters {
     /// A watch over a vehicle with this depth camera; a contact is nearer than
     /// `contact_distance_m`.
     pub fn new(contact_distance_m: f64, depth: Option<&DepthSetup>) -> Self {
-        let eye = |depth: &DepthSetup| Eye {
-            body_from_camera: depth.mount.body_from_sensor(),
-            camera: depth.model.camera(),
-            min_m: depth.model.min_m,
-            max_m: depth.model.max_m.min(SIGHT_M),
-        };
         Self {
             contact_distance_m,
-            eye: depth.map(eye),
+            eye: depth.map(Eye::new),
             next_look_s: 0.0,
             looks: BTreeMap::new(),
             min_distance_m: None,
@@ -131,9 +125,8 @@ impl Encounters {
         for looks in self.looks.values_mut() {
             *looks = (*looks << 1) & ((1 << REMEMBERED_LOOKS) - 1);
         }
-        let world_from_camera = world_from_body * eye.body_from_camera;
         for person in world.people_at(time) {
-            if eye.sees(world, time, &world_from_camera, &person) {
+            if eye.sees(world, time, world_from_body, &person) {
                 *self.looks.entry(person.id).or_default() |= 1;
             }
         }
@@ -183,14 +176,26 @@ impl Encounters {
 }
 
 impl Eye {
-    /// Whether any of nine points of the person, three heights by three across, is in view.
-    fn sees(
+    /// The eye of a vehicle with this depth camera.
+    pub(crate) fn new(depth: &DepthSetup) -> Self {
+        Self {
+            body_from_camera: depth.mount.body_from_sensor(),
+            camera: depth.model.camera(),
+            min_m: depth.model.min_m,
+            max_m: depth.model.max_m.min(SIGHT_M),
+        }
+    }
+
+    /// Whether any of nine points of the person, three heights by three across, is in view of a
+    /// vehicle with this true pose.
+    pub(crate) fn sees(
         &self,
         world: &World,
         time: Timestamp,
-        world_from_camera: &Pose,
+        world_from_body: &Pose,
         person: &PersonState,
     ) -> bool {
+        let world_from_camera = world_from_body * self.body_from_camera;
         let camera = Point3::from(world_from_camera.translation.vector);
         let towards = person.centre_world - camera;
         if towards.norm() > 2.0 * self.max_m + person.semi_axes_m.max() {
@@ -203,7 +208,7 @@ impl Eye {
             [0.0, -0.7, 0.7].into_iter().any(|aside| {
                 let inside =
                     Vector3::z() * (up * person.semi_axes_m.z) + across * (aside * half_width_m);
-                self.sees_point(world, time, world_from_camera, person, inside)
+                self.sees_point(world, time, &world_from_camera, person, inside)
             })
         })
     }

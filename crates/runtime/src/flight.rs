@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use alula_geometry::Timestamp;
+use alula_geometry::{Pose, Timestamp};
 use alula_messages::{
     EstimateHealth, Hindrance, Mount, NavState, SensorBatch, StackOutput, Vehicle,
 };
@@ -126,6 +126,8 @@ pub struct Progress<'a> {
     pub output: &'a StackOutput,
     /// The true velocity, world, m/s.
     pub velocity_world: Vector3<f64>,
+    /// The true pose.
+    pub world_from_body: Pose,
 }
 
 /// What to write to a recording.
@@ -212,6 +214,7 @@ impl<'a> Run<'a> {
                 t_s: self.batch.now.as_s(),
                 output: self.stack.output(),
                 velocity_world: self.vehicle.truth().velocity_world,
+                world_from_body: self.vehicle.truth().world_from_body,
             });
             if ending.is_none() {
                 ending = self

@@ -4,6 +4,7 @@
 //! them, and charts as plain data. It draws and prints nothing.
 
 mod chart;
+mod obstacle_tracking;
 mod results;
 
 use std::env;
@@ -20,7 +21,7 @@ use crate::campaign::pool;
 const DATA_VARIABLE: &str = "ALULA_DATA";
 
 /// All studies, in the order of the documents.
-const STUDIES: &[Study] = &[];
+const STUDIES: &[Study] = &[obstacle_tracking::STUDY];
 
 /// Something that a source document measured and that can be measured here.
 #[derive(Debug)]
