@@ -101,7 +101,7 @@ parameters! {
         /// An unseen track ends at this horizontal distance from the vehicle, m.
         pub keep_distance_m: f64 = 8.0, within(0.5, 1000.0);
         /// A track ends at this standard deviation of its horizontal position, m.
-        pub keep_sigma_m: f64 = 1.0, within(0.05, 100.0);
+        pub keep_sigma_m: f64 = 1.5, within(0.05, 100.0);
         /// A track that does not stand ends after this time unseen, s.
         pub keep_s: f64 = 10.0, within(0.0, 1000.0);
     }

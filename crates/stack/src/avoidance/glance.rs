@@ -27,10 +27,10 @@ const WALKER_WEIGHT_S: f64 = 4.0;
 const TURN_SHARE: f64 = 0.8;
 /// and the time is at least this, s.
 const AT_ONCE_S: f64 = 0.3;
-/// Who comes nearer by less than this even straight here stays behind, m/s.
+/// A walker comes nearer by at least this when he comes straight here: who flees slows down, m/s.
 const LEAST_CLOSING_M_S: f64 = 0.2;
 /// Who is further aside than one who can meet the vehicle, by this angle, was passed, rad.
-const BEHIND_RAD: f64 = 0.2;
+const BEHIND_RAD: f64 = 0.35;
 /// Distance at which a walker is here, m.
 const TOUCH_M: f64 = 0.8;
 /// This far within the view a walker is seen whole, rad.
@@ -208,8 +208,8 @@ fn reach_s(walker: &Obstacle, state: &NavState, walker_m_s: f64) -> Option<f64> 
     let approach_m_s = line.dot(&velocity) / distance_m.max(1e-6);
     let unseen_s = state.time.seconds_since(walker.last_seen);
     let left_m = distance_m - TOUCH_M - walker_m_s * unseen_s;
-    let closing_m_s = walker_m_s + approach_m_s;
-    (closing_m_s > LEAST_CLOSING_M_S).then_some((left_m / closing_m_s).max(AT_ONCE_S))
+    let closing_m_s = (walker_m_s + approach_m_s).max(LEAST_CLOSING_M_S);
+    Some((left_m / closing_m_s).max(AT_ONCE_S))
 }
 
 /// Greatest angle from the course of a vehicle at which a walker can be who will meet it, rad.
