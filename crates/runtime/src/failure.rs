@@ -43,8 +43,11 @@ pub(crate) fn of_timeout(
     }
 }
 
-/// Why the mission ended early.
-pub(crate) fn of_abort(log: &FlightLog) -> String {
+/// Why the mission ended early: what the vehicle gave up for, or else what the guard did.
+pub(crate) fn of_abort(gave_up: Option<(Hindrance, Timestamp)>, log: &FlightLog) -> String {
+    if let Some((hindrance, _)) = gave_up {
+        return hindrance.name().to_owned();
+    }
     match grave_event(log).map(|event| &event.kind) {
         Some(EventKind::Guard(_, Some(cause))) => format!("guard_{}", word(*cause)),
         Some(EventKind::Guard(_, None)) => "guard".to_owned(),
@@ -170,11 +173,18 @@ mod tests {
             });
             log.push(&output, &at_rest());
         }
-        assert_eq!(of_abort(&log), "guard_flow_lost");
+        assert_eq!(of_abort(None, &log), "guard_flow_lost");
     }
 
     #[test]
     fn an_abort_without_the_guard_is_told_from_a_refusal() {
-        assert_eq!(of_abort(&FlightLog::default()), "aborted");
+        assert_eq!(of_abort(None, &FlightLog::default()), "aborted");
+    }
+
+    #[test]
+    fn a_vehicle_that_gave_up_is_explained_by_what_it_gave_up_for() {
+        let blocked = Hindrance::GoalBlocked { obstacle: 2 };
+        let gave_up = Some((blocked, Timestamp::from_s(9.0)));
+        assert_eq!(of_abort(gave_up, &FlightLog::default()), "goal_blocked");
     }
 }

@@ -323,6 +323,9 @@ impl<'a> Run<'a> {
     }
 
     fn reason_of_abort(&self) -> String {
+        if let Some((hindrance, at)) = self.mission.gave_up() {
+            return format!("gave up at {:.1} s: {}", at.as_s(), hindrance.describe());
+        }
         let event = failure::grave_event(&self.log);
         event.map_or("the mission ended early".to_owned(), |event| {
             format!("{} at {:.1} s", event.describe(), event.t_s)
@@ -339,7 +342,7 @@ impl<'a> Run<'a> {
             Outcome::Timeout => {
                 failure::of_timeout(self.hindrance, self.batch.now, &self.log).to_owned()
             }
-            Outcome::Aborted => failure::of_abort(&self.log),
+            Outcome::Aborted => failure::of_abort(self.mission.gave_up(), &self.log),
         };
         Some(word)
     }

@@ -1,7 +1,7 @@
 //! A mission: the sequence of requests that a flight consists of.
 
 use alula_geometry::Timestamp;
-use alula_messages::{EstimateHealth, Fallback, FlightMode, Intent, StackOutput};
+use alula_messages::{EstimateHealth, Fallback, FlightMode, Hindrance, Intent, StackOutput};
 use alula_parameters::parameters;
 use nalgebra::Vector3;
 
@@ -48,6 +48,9 @@ pub struct Mission {
     asked_to_land: bool,
     interrupted: bool,
     mode: FlightMode,
+    /// What hindered the last plan of the way.
+    hindrance: Option<Hindrance>,
+    gave_up: Option<(Hindrance, Timestamp)>,
 }
 
 impl Mission {
@@ -61,6 +64,8 @@ impl Mission {
             asked_to_land: false,
             interrupted: false,
             mode: FlightMode::Disarmed,
+            hindrance: None,
+            gave_up: None,
         }
     }
 
@@ -72,6 +77,11 @@ impl Mission {
     /// Whether every waypoint was flown and the vehicle landed of its own accord.
     pub fn succeeded(&self) -> bool {
         self.step == Step::Done && !self.interrupted
+    }
+
+    /// Why the vehicle ended its way before the last waypoint by itself, and when.
+    pub fn gave_up(&self) -> Option<(Hindrance, Timestamp)> {
+        self.gave_up
     }
 
     /// The next request, if it is time for one, given the last output of the stack.
@@ -96,11 +106,26 @@ impl Mission {
         })
     }
 
-    /// A hold by the guard ends the way through the waypoints before its end.
+    /// A hold by the guard ends the way through the waypoints before its end, and so does a vehicle
+    /// that gives up: it stops while something keeps it from the goal.
     fn note_hold(&mut self, output: &StackOutput) {
         let stopped = self.mode == FlightMode::Flying && output.mode == FlightMode::Hovering;
-        self.interrupted |= stopped && output.guard.fallback != Fallback::None;
+        let held = stopped && output.guard.fallback != Fallback::None;
+        if stopped && !held {
+            self.gave_up = self.hindrance.map(|hindrance| (hindrance, output.time));
+        }
+        self.interrupted |= held || self.gave_up.is_some();
         self.mode = output.mode;
+        self.note_hindrance(output);
+    }
+
+    /// A vehicle that gives up says why and then brakes without a plan; one that is free again
+    /// makes a plan and says nothing.
+    fn note_hindrance(&mut self, output: &StackOutput) {
+        let keeps = output.hindrance.filter(|h| keeps_from_the_goal(*h));
+        if keeps.is_some() || output.plan.is_some() {
+            self.hindrance = keeps;
+        }
     }
 
     /// Moves to the step that the mode of flight shows.
@@ -158,6 +183,16 @@ impl Mission {
     }
 }
 
+/// Whether a vehicle gives up for it; it waits for the others to end.
+fn keeps_from_the_goal(hindrance: Hindrance) -> bool {
+    match hindrance {
+        Hindrance::GoalBlocked { .. } | Hindrance::NoRoute | Hindrance::Stalled { .. } => true,
+        Hindrance::DepthStale { .. }
+        | Hindrance::EstimateJumped { .. }
+        | Hindrance::PlannerFailed => false,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -212,18 +247,67 @@ mod tests {
         assert!(!mission.succeeded());
     }
 
+    /// A mission on its way through the waypoints, at 10 s.
+    fn on_the_way() -> Mission {
+        let modes = [
+            FlightMode::Disarmed,
+            FlightMode::Armed,
+            FlightMode::TakingOff,
+            FlightMode::Hovering,
+            FlightMode::Flying,
+        ];
+        requests(vec![[1.0, 0.0, 1.0]], &modes).1
+    }
+
+    /// The mission after a way whose last step was hindered like this.
+    fn stopped_by(hindrance: Option<Hindrance>) -> Mission {
+        let mut mission = on_the_way();
+        let mut output = StackOutput {
+            time: Timestamp::from_s(20.0),
+            mode: FlightMode::Flying,
+            hindrance,
+            ..StackOutput::default()
+        };
+        mission.next(&output);
+        // It brakes.
+        output.hindrance = None;
+        for mode in [
+            FlightMode::Flying,
+            FlightMode::Hovering,
+            FlightMode::Landing,
+        ] {
+            output.mode = mode;
+            mission.next(&output);
+        }
+        mission
+    }
+
+    #[test]
+    fn a_vehicle_that_gives_up_says_why() {
+        let blocked = Hindrance::GoalBlocked { obstacle: 3 };
+        let at = Timestamp::from_s(20.0);
+        for hindrance in [
+            blocked,
+            Hindrance::NoRoute,
+            Hindrance::Stalled { since_s: 9.0 },
+        ] {
+            let mission = stopped_by(Some(hindrance));
+            assert_eq!(mission.gave_up(), Some((hindrance, at)));
+            assert!(mission.interrupted);
+        }
+    }
+
+    #[test]
+    fn a_vehicle_that_arrives_has_not_given_up() {
+        let jumped = Hindrance::EstimateJumped { jump_m: 0.6 };
+        for hindrance in [None, Some(jumped), Some(Hindrance::PlannerFailed)] {
+            assert_eq!(stopped_by(hindrance).gave_up(), None);
+        }
+    }
+
     #[test]
     fn a_way_that_the_guard_cut_short_is_no_success() {
-        let (_, mut mission) = requests(
-            vec![[1.0, 0.0, 1.0]],
-            &[
-                FlightMode::Disarmed,
-                FlightMode::Armed,
-                FlightMode::TakingOff,
-                FlightMode::Hovering,
-                FlightMode::Flying,
-            ],
-        );
+        let mut mission = on_the_way();
         let mut output = StackOutput {
             time: Timestamp::from_s(20.0),
             mode: FlightMode::Hovering,
