@@ -136,43 +136,6 @@ impl SeenSpace {
         self.is_free_cell([here.x.floor() as i64, here.y.floor() as i64])
     }
 
-    /// Horizontal length of a path from `from_world` along `points_world` up to the first cell
-    /// that is not known to be free, m; the whole length if all of them are.
-    pub fn free_length(
-        &self,
-        from_world: &Vector3<f64>,
-        points_world: impl IntoIterator<Item = Vector3<f64>>,
-    ) -> f64 {
-        if !self.is_free(from_world) {
-            return 0.0;
-        }
-        let mut length_m = 0.0;
-        let mut start = *from_world;
-        for point in points_world {
-            if !is_place(&point) {
-                return length_m;
-            }
-            let (a, b) = (self.in_cells(&start), self.in_cells(&point));
-            let blocked = cells_between(a, b, |index, entry, _| match self.is_free_cell(index) {
-                true => ControlFlow::Continue(()),
-                false => ControlFlow::Break(entry),
-            });
-            if let ControlFlow::Break(entry) = blocked {
-                return length_m + entry * self.cell_m;
-            }
-            length_m += (b - a).norm() * self.cell_m;
-            start = point;
-        }
-        length_m
-    }
-
-    /// Moves all that is remembered along with an estimate of position that jumped, m.
-    pub fn shift(&mut self, by_world: &Vector3<f64>) {
-        if by_world.iter().all(|x| x.is_finite()) {
-            self.origin_world += by_world.xy();
-        }
-    }
-
     /// Forgets everything, the time as well.
     pub fn clear(&mut self) {
         self.cells.fill(UNSEEN);

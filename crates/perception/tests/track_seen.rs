@@ -37,7 +37,6 @@ fn fan(camera: Vector3<f64>, range_m: f64, end: RayEnd, time_s: f64) -> Contour 
 #[test]
 fn nothing_is_free_before_it_was_seen() {
     assert!(!space().is_free(&at(0.0, 0.0)));
-    assert_eq!(space().free_length(&at(0.0, 0.0), [at(1.0, 0.0)]), 0.0);
 }
 
 #[test]
@@ -86,20 +85,6 @@ fn older_images_change_nothing() {
     assert!(space.is_free(&at(2.0, 0.1)));
 }
 
-/// Known to a cell: the one in which the view ends is not free.
-#[test]
-fn a_path_is_free_up_to_where_the_view_ends() {
-    let mut space = space();
-    space.update(&fan(at(0.1, 0.1), 4.0, RayEnd::Hit, 1.0));
-    space.mark_here(&at(0.1, 0.1), 0.3, Timestamp::from_s(1.0));
-    let ahead = space.free_length(&at(0.1, 0.1), [at(2.0, 0.1), at(6.0, 0.1)]);
-    assert!((4.0 - 2.0 * CELL_M..=4.0).contains(&ahead), "{ahead}");
-    let back = space.free_length(&at(0.1, 0.1), [at(1.0, 0.1), at(0.1, 0.1)]);
-    assert!((back - 1.8).abs() < 1e-12);
-    let aside = space.free_length(&at(0.1, 0.1), [at(0.1, 6.0)]);
-    assert!(aside < 2.0 * CELL_M, "{aside}");
-}
-
 #[test]
 fn the_place_of_the_vehicle_is_free() {
     let mut space = space();
@@ -124,15 +109,6 @@ fn what_left_the_square_is_forgotten() {
 }
 
 #[test]
-fn the_memory_moves_along_when_the_estimate_jumps() {
-    let mut space = space();
-    space.update(&fan(at(0.1, 0.1), 4.0, RayEnd::Hit, 1.0));
-    space.shift(&Vector3::new(100.03, -7.01, 0.0));
-    assert!(space.is_free(&at(103.5, -6.91)));
-    assert!(!space.is_free(&at(3.5, 0.1)));
-}
-
-#[test]
 fn nonsense_changes_nothing() {
     let mut space = space();
     let mut nowhere = fan(at(f64::NAN, 0.1), 4.0, RayEnd::Free, 1.0);
@@ -146,10 +122,6 @@ fn nonsense_changes_nothing() {
     space.mark_here(&at(1e300, 0.0), 1.0, Timestamp::from_s(1.0));
     assert!(!space.is_free(&at(2.0, 0.1)));
     assert!(!space.is_free(&at(f64::NAN, 0.0)));
-    assert_eq!(
-        space.free_length(&at(0.1, 0.1), [at(f64::INFINITY, 0.0)]),
-        0.0
-    );
 }
 
 proptest! {
