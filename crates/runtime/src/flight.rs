@@ -251,13 +251,7 @@ impl<'a> Run<'a> {
         self.log.push(self.stack.output(), &truth);
         self.note_encounters(&truth);
         if let Some(tape) = &mut self.tape {
-            tape.write(
-                &self.batch,
-                self.stack.output(),
-                &truth,
-                &self.world,
-                &self.log,
-            )?;
+            tape.write(&self.batch, &self.stack, &truth, &self.world, &self.log)?;
         }
         self.stopwatch.lap("recording");
         Ok(())
@@ -393,6 +387,8 @@ struct Tape {
     recorder: Recorder,
     belief: BeliefLog,
     events_written: usize,
+    /// Memory for a U-depth map.
+    u_depth: Vec<u16>,
 }
 
 impl Tape {
@@ -412,19 +408,22 @@ impl Tape {
             recorder,
             belief: BeliefLog::default(),
             events_written: 0,
+            u_depth: Vec::new(),
         })
     }
 
     fn write(
         &mut self,
         batch: &SensorBatch,
-        output: &StackOutput,
+        stack: &Stack,
         truth: &TruthRecord,
         world: &World,
         log: &FlightLog,
     ) -> Result<(), RunError> {
+        let output = stack.output();
         self.recorder.write_batch(batch)?;
         self.recorder.write_output(output)?;
+        self.write_u_depth(stack)?;
         self.recorder.write_truth(truth)?;
         self.belief.push(batch, output, truth, world);
         self.recorder
@@ -434,6 +433,28 @@ impl Tape {
                 .write_log(batch.now, LogLevel::Info, &event.describe())?;
         }
         self.events_written = log.events.len();
+        Ok(())
+    }
+
+    /// The map of the image that was looked at in this step; the recorder takes five a second.
+    fn write_u_depth(&mut self, stack: &Stack) -> Result<(), RunError> {
+        let Some(avoidance) = stack
+            .avoidance()
+            .filter(|_| stack.output().seen_at.is_some())
+        else {
+            return Ok(());
+        };
+        let map = avoidance.detector().u_depth();
+        self.u_depth.clear();
+        // The nearest bin holds the pixels without a return as well.
+        self.u_depth.resize(map.columns, 0);
+        for bin in 1..map.bins {
+            self.u_depth.extend_from_slice(map.row(bin));
+        }
+        let time = stack.output().time;
+        let (columns, bins) = (map.columns, map.bins);
+        self.recorder
+            .write_u_depth(time, columns, bins, &self.u_depth)?;
         Ok(())
     }
 }
