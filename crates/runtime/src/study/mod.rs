@@ -3,6 +3,7 @@
 //! A study is a function from a [`Request`] to [`Results`]: rows of figures, what is demanded of
 //! them, and charts as plain data. It draws and prints nothing.
 
+mod chance_constraint;
 mod chart;
 mod obstacle_tracking;
 mod results;
@@ -21,7 +22,7 @@ use crate::campaign::pool;
 const DATA_VARIABLE: &str = "ALULA_DATA";
 
 /// All studies, in the order of the documents.
-const STUDIES: &[Study] = &[obstacle_tracking::STUDY];
+const STUDIES: &[Study] = &[obstacle_tracking::STUDY, chance_constraint::STUDY];
 
 /// Something that a source document measured and that can be measured here.
 #[derive(Debug)]
