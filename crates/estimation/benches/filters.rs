@@ -33,11 +33,7 @@ fn filter() -> Filter {
 }
 
 fn input() -> InertialInput {
-    InertialInput {
-        specific_force: Vector3::new(0.3, -0.2, 9.9),
-        angular_rate: Vector3::new(0.2, 0.4, -0.3),
-        noise_scale: 1.0,
-    }
+    InertialInput::steady(Vector3::new(0.3, -0.2, 9.9), Vector3::new(0.2, 0.4, -0.3))
 }
 
 fn down() -> alula_geometry::Pose {

@@ -2,11 +2,11 @@
 //! rate is the gyroscope's bias.
 
 use alula_geometry::{GRAVITY_M_S2, Timestamp, so3};
-use alula_messages::{ImuSample, error_index};
+use alula_messages::{ErrorCovariance, ImuSample, error_index};
 use alula_parameters::parameters;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use crate::eskf::{Filter, Nominal};
+use crate::eskf::{Filter, Nominal, Variant};
 
 parameters! {
     /// When the vehicle counts as standing still, and what is known before the first sample.
@@ -117,7 +117,7 @@ impl Alignment {
             ..Nominal::default()
         };
         let place = config.start_position_sigma_m;
-        let mut filter = Filter::new(
+        let filter = Filter::new(
             nominal,
             [
                 Vector3::new(place, place, config.start_height_sigma_m),
@@ -127,26 +127,25 @@ impl Alignment {
                 Vector3::repeat(config.gyroscope_bias_sigma_rad_s),
             ],
         );
+        let mut covariance = filter.covariance();
         let up = force.normalize();
-        correlate_tilt(&mut filter, &up, config.accelerometer_bias_sigma_m_s2);
+        correlate_tilt(&mut covariance, &up, config.accelerometer_bias_sigma_m_s2);
         let yaw_sigma = config.start_yaw_sigma_deg.to_radians();
         let heading = up * up.transpose() * (yaw_sigma * yaw_sigma);
-        let mut target = filter
-            .covariance
-            .fixed_view_mut::<3, 3>(error_index::ORIENTATION, error_index::ORIENTATION);
+        let mut target =
+            covariance.fixed_view_mut::<3, 3>(error_index::ORIENTATION, error_index::ORIENTATION);
         target += heading;
-        filter
+        Filter::with_covariance(nominal, &covariance, Variant::default())
     }
 }
 
 /// The tilt is wrong exactly as far as the bias is: with the mean reading d = g R^T e3 + b, where
 /// u = d / |d|, an accelerometer bias error `e` makes an orientation error of u x e / g.
-fn correlate_tilt(filter: &mut Filter, up: &Vector3<f64>, bias_sigma: f64) {
+fn correlate_tilt(p: &mut ErrorCovariance, up: &Vector3<f64>, bias_sigma: f64) {
     const TILT: usize = error_index::ORIENTATION;
     const BIAS: usize = error_index::ACCELEROMETER_BIAS;
     let from_bias: Matrix3<f64> = so3::skew(up) / GRAVITY_M_S2;
     let cross = from_bias * (bias_sigma * bias_sigma);
-    let p = &mut filter.covariance;
     p.fixed_view_mut::<3, 3>(TILT, TILT)
         .copy_from(&(cross * from_bias.transpose()));
     p.fixed_view_mut::<3, 3>(TILT, BIAS).copy_from(&cross);
@@ -208,7 +207,8 @@ mod tests {
         let bias = Vector3::new(0.006, -0.008, 0.005);
         let filter = still(truth, bias);
         let tilt = so3::log(&(filter.nominal.world_from_body.inverse() * truth));
-        let cross = filter.covariance.fixed_view::<3, 3>(6, 9);
+        let covariance = filter.covariance();
+        let cross = covariance.fixed_view::<3, 3>(6, 9);
         let claimed = cross * bias
             / AlignmentConfig::default()
                 .accelerometer_bias_sigma_m_s2

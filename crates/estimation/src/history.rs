@@ -103,6 +103,8 @@ impl History {
         let input = InertialInput {
             specific_force: sample.specific_force,
             angular_rate: sample.angular_rate,
+            previous_angular_rate: last.input.angular_rate,
+            interval_s: sample.time.seconds_since(last.time),
             noise_scale,
         };
         self.nodes.push_back(Node {

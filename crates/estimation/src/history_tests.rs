@@ -20,11 +20,7 @@ fn imu(time: Timestamp) -> ImuSample {
 fn history(capacity: usize, last: i64) -> History {
     let mut history = History::new(capacity, ImuNoise::default(), Gates::new(0.999));
     let first = imu(ms(0));
-    let input = InertialInput {
-        specific_force: first.specific_force,
-        angular_rate: first.angular_rate,
-        noise_scale: 1.0,
-    };
+    let input = InertialInput::steady(first.specific_force, first.angular_rate);
     let sigma = [0.1, 0.1, 0.1, 0.02, 0.01].map(Vector3::repeat);
     history.start(ms(0), input, Filter::new(Nominal::default(), sigma));
     extend(&mut history, 0, last);

@@ -4,9 +4,7 @@
 use std::collections::VecDeque;
 
 use alula_geometry::{Pose, TimeDelta, Timestamp};
-use alula_messages::{
-    EstimateHealth, FlightPhase, Fusion, ImuSample, NavState, Rejection, Sensor, error_index,
-};
+use alula_messages::{EstimateHealth, FlightPhase, Fusion, ImuSample, NavState, Rejection, Sensor};
 use nalgebra::{Translation3, Vector3};
 
 use crate::eskf::{Filter, ImuNoise, InertialInput};
@@ -98,11 +96,7 @@ impl InertialCore {
 
     /// Starts a filter that is valid at the time of `sample`.
     pub fn start(&mut self, sample: &ImuSample, filter: Filter) {
-        let input = InertialInput {
-            specific_force: sample.specific_force,
-            angular_rate: sample.angular_rate,
-            noise_scale: 1.0,
-        };
+        let input = InertialInput::steady(sample.specific_force, sample.angular_rate);
         self.waiting.clear();
         self.history.start(sample.time, input, filter);
         self.running = true;
@@ -186,11 +180,8 @@ impl InertialCore {
     /// Fails if the inertial data stopped or the filter diverged.
     pub fn check(&mut self, now: Timestamp) {
         let diverged = self.history.latest().is_some_and(|(filter, _)| {
-            let variance = |i: usize| {
-                filter.covariance[(error_index::VELOCITY + i, error_index::VELOCITY + i)]
-            };
-            !filter.is_finite()
-                || (0..3).any(|i| variance(i) > MAX_VELOCITY_SIGMA_M_S * MAX_VELOCITY_SIGMA_M_S)
+            let uncertain = MAX_VELOCITY_SIGMA_M_S * MAX_VELOCITY_SIGMA_M_S;
+            !filter.is_finite() || filter.velocity_variance().max() > uncertain
         });
         if self.running && (diverged || self.monitor.is_lost(now)) {
             self.fail();
@@ -236,6 +227,6 @@ impl InertialCore {
         self.state.acceleration_world = nominal.acceleration_world(input);
         self.state.accelerometer_bias = nominal.accelerometer_bias;
         self.state.gyroscope_bias = nominal.gyroscope_bias;
-        self.state.covariance = filter.covariance;
+        self.state.covariance = filter.covariance();
     }
 }
