@@ -7,7 +7,7 @@ use alula_geometry::{Pose, TimeDelta, Timestamp};
 use alula_messages::{EstimateHealth, FlightPhase, Fusion, ImuSample, NavState, Rejection, Sensor};
 use nalgebra::{Translation3, Vector3};
 
-use crate::eskf::{Filter, ImuNoise, InertialInput};
+use crate::eskf::{Filter, ImuNoise, InertialInput, Nominal};
 use crate::history::History;
 use crate::imu::{Contact, ImuLimits, ImuMonitor, ImuVerdict};
 use crate::measurement::{Gates, Measurement, rejected};
@@ -129,6 +129,11 @@ impl InertialCore {
         });
     }
 
+    /// The best estimate as of the last settling.
+    pub fn nominal(&self) -> Option<&Nominal> {
+        self.history.latest().map(|(filter, _)| &filter.nominal)
+    }
+
     /// Time of the last inertial sample in the history.
     pub fn latest_time(&self) -> Option<Timestamp> {
         self.history.latest_time()
@@ -157,13 +162,13 @@ impl InertialCore {
     }
 
     fn hand_over(&mut self, mut waiting: Waiting) {
-        if let Measurement::Flow(flow) = &mut waiting.measurement {
-            let half = TimeDelta::from_s(0.5 * flow.interval_s);
+        if let Some((interval_s, angular_rate)) = waiting.measurement.angular_rate_mut() {
+            let half = TimeDelta::from_s(0.5 * interval_s);
             if let Some(rate) = self
                 .history
                 .mean_angular_rate(waiting.time - half, waiting.time + half)
             {
-                flow.angular_rate = rate;
+                *angular_rate = rate;
             }
         }
         if let Err(reason) = self.history.insert(waiting.time, waiting.measurement) {

@@ -14,9 +14,13 @@ pub mod imu;
 mod inertial_core;
 pub mod measurement;
 pub mod metrics;
+mod outliers;
 mod pose_imu;
 mod watch;
 
 pub use estimator::{BuildError, ESTIMATOR_NAMES, Estimator, EstimatorConfig, by_name};
-pub use flow_odometry::{FlowCalibration, FlowOdometry, FlowOdometryConfig, GroundConfig};
+pub use flow_odometry::{
+    FlowCalibration, FlowOdometry, FlowOdometryConfig, GroundConfig, SensorSet, SonarConfig,
+};
+pub use outliers::OutlierConfig;
 pub use pose_imu::{PoseImu, PoseImuConfig};

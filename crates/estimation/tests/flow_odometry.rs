@@ -44,10 +44,20 @@ fn true_nominal(flight: &Flight, t: f64) -> Nominal {
 fn fly(
     flight: &mut Flight,
     end_s: f64,
+    spoil: impl FnMut(f64, &mut SensorBatch),
+    look: impl FnMut(f64, &Flight, &FlowOdometry),
+) -> FlowOdometry {
+    fly_with(odometry(), flight, end_s, spoil, look)
+}
+
+/// The same with a given odometry.
+fn fly_with(
+    mut odometry: FlowOdometry,
+    flight: &mut Flight,
+    end_s: f64,
     mut spoil: impl FnMut(f64, &mut SensorBatch),
     mut look: impl FnMut(f64, &Flight, &FlowOdometry),
 ) -> FlowOdometry {
-    let mut odometry = odometry();
     let mut batch = SensorBatch::default();
     loop {
         let t = flight.step(&mut batch);

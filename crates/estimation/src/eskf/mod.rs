@@ -131,14 +131,19 @@ impl Filter {
 
     /// Covariance of the error of [`Self::nominal`], orientation error local, whatever the variant.
     pub fn covariance(&self) -> ErrorCovariance {
-        let to_local = self.variant.filter.to_local(&self.nominal.world_from_body);
+        let local_from_coordinates = self
+            .variant
+            .filter
+            .local_from_coordinates(&self.nominal.world_from_body);
         let mut rows = SMatrix::<f64, 15, 16>::zeros();
         for (own, error) in PARTS {
             rows.fixed_rows_mut::<3>(error)
                 .copy_from(&self.covariance.fixed_rows::<3>(own));
         }
         rows.fixed_rows_mut::<3>(error_index::ORIENTATION)
-            .copy_from(&(to_local * self.covariance.fixed_rows::<4>(index::ORIENTATION)));
+            .copy_from(
+                &(local_from_coordinates * self.covariance.fixed_rows::<4>(index::ORIENTATION)),
+            );
         let mut covariance = ErrorCovariance::zeros();
         for (own, error) in PARTS {
             covariance
@@ -147,7 +152,9 @@ impl Filter {
         }
         covariance
             .fixed_columns_mut::<3>(error_index::ORIENTATION)
-            .copy_from(&(rows.fixed_columns::<4>(index::ORIENTATION) * to_local.transpose()));
+            .copy_from(
+                &(rows.fixed_columns::<4>(index::ORIENTATION) * local_from_coordinates.transpose()),
+            );
         covariance
     }
 
@@ -221,18 +228,18 @@ impl Filter {
 
     /// Adds variances of a rotation in the body.
     fn add_turn(&mut self, variance: &Vector3<f64>) {
-        let from_local = self
+        let coordinates_from_local = self
             .variant
             .filter
-            .from_local(&self.nominal.world_from_body);
-        let mut scaled = from_local;
+            .coordinates_from_local(&self.nominal.world_from_body);
+        let mut scaled = coordinates_from_local;
         for (mut column, variance) in scaled.column_iter_mut().zip(variance) {
             column *= *variance;
         }
         let mut target = self
             .covariance
             .fixed_view_mut::<4, 4>(index::ORIENTATION, index::ORIENTATION);
-        target += scaled * from_local.transpose();
+        target += scaled * coordinates_from_local.transpose();
     }
 
     /// Corrects the state if the innovation passes the gate (document S, 2.53-2.61, 2.79-2.82).
@@ -267,14 +274,18 @@ impl Filter {
         &self,
         jacobian: &SMatrix<f64, M, 15>,
     ) -> SMatrix<f64, M, 16> {
-        let to_local = self.variant.filter.to_local(&self.nominal.world_from_body);
+        let local_from_coordinates = self
+            .variant
+            .filter
+            .local_from_coordinates(&self.nominal.world_from_body);
         let mut own = SMatrix::<f64, M, 16>::zeros();
         for (row, error) in PARTS {
             own.fixed_columns_mut::<3>(row)
                 .copy_from(&jacobian.fixed_columns::<3>(error));
         }
-        own.fixed_columns_mut::<4>(index::ORIENTATION)
-            .copy_from(&(jacobian.fixed_columns::<3>(error_index::ORIENTATION) * to_local));
+        own.fixed_columns_mut::<4>(index::ORIENTATION).copy_from(
+            &(jacobian.fixed_columns::<3>(error_index::ORIENTATION) * local_from_coordinates),
+        );
         own
     }
 
@@ -344,7 +355,7 @@ fn from_error(filter: FilterKind, nominal: &Nominal) -> SMatrix<f64, 16, 15> {
     }
     from_error
         .fixed_view_mut::<4, 3>(index::ORIENTATION, error_index::ORIENTATION)
-        .copy_from(&filter.from_local(&nominal.world_from_body));
+        .copy_from(&filter.coordinates_from_local(&nominal.world_from_body));
     from_error
 }
 

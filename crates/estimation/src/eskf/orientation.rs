@@ -43,7 +43,7 @@ impl FilterKind {
                     velocity_from_orientation: rotated_from_quaternion(q, force),
                     velocity_from_bias: -rotation,
                     orientation_from_orientation: half_omega(rate),
-                    orientation_from_bias: -self.from_local(q),
+                    orientation_from_bias: -self.coordinates_from_local(q),
                 };
             }
         };
@@ -51,7 +51,7 @@ impl FilterKind {
             velocity_from_orientation: from_orientation,
             velocity_from_bias: -rotation,
             orientation_from_orientation: turning.fixed_resize::<4, 4>(0.0),
-            orientation_from_bias: -self.from_local(q),
+            orientation_from_bias: -self.coordinates_from_local(q),
         }
     }
 
@@ -59,24 +59,24 @@ impl FilterKind {
     ///
     /// The rotation vector itself; turned into the world; or q * (0, theta / 2), document S,
     /// equation 2.78.
-    pub(super) fn from_local(self, q: &UnitQuaternion<f64>) -> Matrix4x3<f64> {
+    pub(super) fn coordinates_from_local(self, q: &UnitQuaternion<f64>) -> Matrix4x3<f64> {
         match self {
             Self::ErrorStateLocal => tall(&Matrix3::identity()),
             Self::ErrorStateGlobal => tall(&q.to_rotation_matrix().into_inner()),
             Self::Extended => {
                 let vector = q.vector().into_owned();
                 let top = Matrix3::identity() * q.w + so3::skew(&vector);
-                let mut from_local = tall(&top);
-                from_local.set_row(3, &-vector.transpose());
-                from_local * 0.5
+                let mut coordinates_from_local = tall(&top);
+                coordinates_from_local.set_row(3, &-vector.transpose());
+                coordinates_from_local * 0.5
             }
         }
     }
 
-    /// The local rotation vector of small coordinates at `q`: undoes [`Self::from_local`]. Of a
+    /// The local rotation vector of small coordinates at `q`: undoes [`Self::coordinates_from_local`]. Of a
     /// quaternion it takes no notice of a change in length.
-    pub(super) fn to_local(self, q: &UnitQuaternion<f64>) -> Matrix3x4<f64> {
-        let transposed = self.from_local(q).transpose();
+    pub(super) fn local_from_coordinates(self, q: &UnitQuaternion<f64>) -> Matrix3x4<f64> {
+        let transposed = self.coordinates_from_local(q).transpose();
         match self {
             Self::ErrorStateLocal | Self::ErrorStateGlobal => transposed,
             Self::Extended => transposed * 4.0,

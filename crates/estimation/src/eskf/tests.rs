@@ -376,14 +376,14 @@ fn the_reset_of_every_filter_meets_differences() {
     for variant in each_kind() {
         let q = draw.nominal().world_from_body;
         let local = Vector3::new(0.1, -0.3, 0.2);
-        let correction = variant.filter.from_local(&q) * local;
+        let correction = variant.filter.coordinates_from_local(&q) * local;
         let (corrected, reset) = variant.filter.correct(&q, &correction);
         let remaining = |error: nalgebra::Vector4<f64>| {
             let (truth, _) = variant.filter.correct(&q, &error);
             let turn = so3::log(&(corrected.inverse() * truth));
-            variant.filter.from_local(&corrected) * turn
+            variant.filter.coordinates_from_local(&corrected) * turn
         };
-        for tangent in variant.filter.from_local(&q).column_iter() {
+        for tangent in variant.filter.coordinates_from_local(&q).column_iter() {
             let d = tangent * 1e-6;
             let column = (remaining(correction + d) - remaining(correction - d)) / 2e-6;
             assert!((column - reset * tangent).norm() < 1e-9, "{variant}");
@@ -408,7 +408,8 @@ fn local_and_own_coordinates_are_inverse() {
     let mut draw = draws();
     for variant in each_kind() {
         let q = draw.nominal().world_from_body;
-        let there_and_back = variant.filter.to_local(&q) * variant.filter.from_local(&q);
+        let there_and_back =
+            variant.filter.local_from_coordinates(&q) * variant.filter.coordinates_from_local(&q);
         assert!((there_and_back - nalgebra::Matrix3::identity()).amax() < 1e-14);
     }
 }

@@ -2,10 +2,40 @@
 
 use alula_messages::Mount;
 use alula_parameters::{facts, parameters};
+use serde::{Deserialize, Serialize};
 
 use crate::alignment::AlignmentConfig;
-use crate::eskf::ImuNoise;
+use crate::eskf::{ImuNoise, Variant};
 use crate::imu::ImuLimits;
+use crate::outliers::OutlierConfig;
+
+/// What corrects the inertial data in flight.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SensorSet {
+    /// Raw flow, and an infrared ranger that looks where the flow camera does (document S,
+    /// sections 2.4.3 and 2.4.4).
+    #[default]
+    FlowAndInfrared,
+    /// Velocity in metres, from flow and sonar, and the sonar's height (document S, section
+    /// 2.4.2).
+    VelocityAndSonar,
+}
+
+parameters! {
+    /// Velocity in metres and height from a flow camera with a sonar beside it, as the PX4Flow is:
+    /// the sonar's mount is that of the flow camera.
+    pub struct SonarConfig {
+        /// Standard deviation of the height, m (document S, table 2.3).
+        pub height_sigma_m: f64 = 0.05, within(1e-4, 1.0);
+        /// Standard deviation of the velocity on an axis, m/s (document S, table 2.3).
+        pub velocity_sigma_m_s: f64 = 0.1, within(1e-4, 10.0);
+        /// Age from which a height is too old to make a velocity of flow, s.
+        pub max_age_s: f64 = 0.2, within(0.01, 5.0);
+        /// Heights that do not belong to the others.
+        pub outliers: OutlierConfig = OutlierConfig::default(), nested();
+    }
+}
 
 facts! {
     /// Where the downward sensors are.
@@ -34,8 +64,14 @@ parameters! {
 }
 
 parameters! {
-    /// Odometry from inertial data, raw flow and range (document S, sections 2.3 to 2.6).
+    /// Odometry from inertial data, flow and range (document S, sections 2.3 to 2.7).
     pub struct FlowOdometryConfig {
+        /// Which of the filters of document S, table 2.1.
+        pub variant: Variant = Variant::default(), any();
+        /// What corrects the inertial data in flight.
+        pub sensors: SensorSet = SensorSet::default(), any();
+        /// Velocity in metres and sonar, if they do.
+        pub sonar: SonarConfig = SonarConfig::default(), nested();
         /// Noise of the inertial unit.
         pub imu_noise: ImuNoise = ImuNoise::default(), nested();
         /// Plausibility of the inertial unit.

@@ -1,28 +1,31 @@
-//! Odometry from inertial data, raw flow and range (document S, sections 2.3 to 2.6 and 2.10.2).
+//! Odometry from inertial data, flow and range (document S, sections 2.3 to 2.7 and 2.10.2).
 
 mod config;
+mod downward;
 mod ground;
 
-pub use config::{FlowCalibration, FlowOdometryConfig, GroundConfig};
+pub use config::{FlowCalibration, FlowOdometryConfig, GroundConfig, SensorSet, SonarConfig};
 
-use alula_geometry::{Pose, TimeDelta, Timestamp};
+use alula_geometry::{TimeDelta, Timestamp};
 use alula_messages::{
-    EstimateHealth, FlightMode, FlightPhase, FlowSample, Fusion, NavState, RangeSample, Rejection,
-    Sensor, SensorBatch, error_index,
+    EstimateHealth, FlightMode, FlightPhase, FlowSample, Fusion, NavState, Sensor, SensorBatch,
+    error_index,
 };
 use alula_parameters::{ParameterError, Parameters};
 use nalgebra::Vector3;
 
 use crate::Estimator;
 use crate::alignment::Alignment;
-use crate::eskf::ErrorVector;
+use crate::eskf::{ErrorVector, Nominal};
 use crate::imu::Contact;
 use crate::inertial_core::InertialCore;
-use crate::measurement::{FlowMeasurement, Measurement, RangeMeasurement};
-use crate::watch::{Repetition, Watch};
+use crate::measurement::Measurement;
+use crate::watch::Watch;
+use downward::Downward;
 use ground::Standing;
 
-/// Inertial data, corrected by raw flow and range in flight and by standing still on the ground.
+/// Inertial data, corrected by flow and range in flight and by standing still on the ground; which
+/// filter and which sensors is configured.
 ///
 /// Height, velocity, roll and pitch are observed; horizontal position and heading drift. The ground
 /// is taken to be the plane z = 0. The world frame begins where the vehicle stands when it is
@@ -37,16 +40,13 @@ use ground::Standing;
 #[derive(Clone, Debug)]
 pub struct FlowOdometry {
     config: FlowOdometryConfig,
-    body_from_camera: Pose,
-    body_from_ranger: Pose,
+    downward: Downward,
     core: InertialCore,
     alignment: Alignment,
     standing: Standing,
     phase: FlightPhase,
     flow_watch: Watch,
     range_watch: Watch,
-    flow_repetition: Repetition,
-    range_repetition: Repetition,
 }
 
 impl FlowOdometry {
@@ -61,8 +61,7 @@ impl FlowOdometry {
         config.validate()?;
         calibration.validate()?;
         Ok(Self {
-            body_from_camera: calibration.flow_camera.body_from_sensor(),
-            body_from_ranger: calibration.infrared.body_from_sensor(),
+            downward: Downward::new(config, calibration),
             core: InertialCore::new(
                 config.history_samples,
                 config.imu_noise.clone(),
@@ -74,8 +73,6 @@ impl FlowOdometry {
             phase: FlightPhase::Landed,
             flow_watch: Watch::default(),
             range_watch: Watch::default(),
-            flow_repetition: Repetition::default(),
-            range_repetition: Repetition::default(),
             config: config.clone(),
         })
     }
@@ -105,98 +102,54 @@ impl FlowOdometry {
         let place = Vector3::from(self.config.alignment.start_position_m);
         let yaw_rad = self.config.alignment.start_yaw_rad();
         if let Some(filter) = self.alignment.add(sample, &place, yaw_rad) {
-            self.core.start(sample, filter);
+            self.core
+                .start(sample, filter.in_variant(self.config.variant));
             self.standing.start(sample.time);
+            self.downward.clear();
             self.flow_watch = Watch::since(sample.time);
             self.range_watch = Watch::since(sample.time);
         }
     }
 
     fn take_flow(&mut self, sample: &FlowSample, now: Timestamp) {
-        match self.flow_measurement(sample, now) {
-            Ok(measurement) => {
-                let half_interval = TimeDelta::from_s(0.5 * sample.interval_s);
-                self.core
-                    .submit(sample.time, half_interval, Measurement::Flow(measurement));
-            }
+        let state = self.airborne_state();
+        let half_interval = TimeDelta::from_s(0.5 * sample.interval_s);
+        match self.downward.flow(sample, now, state.as_ref()) {
+            Ok(measurement) => self.core.submit(sample.time, half_interval, measurement),
             Err(reason) => self.core.reject(sample.time, Sensor::Flow, reason),
         }
     }
 
-    fn flow_measurement(
-        &mut self,
-        sample: &FlowSample,
-        now: Timestamp,
-    ) -> Result<FlowMeasurement, Rejection> {
-        let flow = sample.flow_rad_s;
-        if !(flow.iter().all(|x| x.is_finite()) && sample.interval_s.is_finite()) {
-            return Err(Rejection::NotFinite);
-        }
-        self.check_phase()?;
-        let repeated_s = self.flow_repetition.add(flow.into(), sample.time);
-        let good = sample.quality >= self.config.flow_min_quality
-            && (0.0..=1.0).contains(&sample.interval_s)
-            && repeated_s <= self.config.stuck_after_s
-            && sample.time <= now;
-        if !good {
-            return Err(Rejection::Invalid);
-        }
-        Ok(FlowMeasurement {
-            flow_rad_s: flow,
-            angular_rate: Vector3::zeros(),
-            interval_s: sample.interval_s,
-            body_from_camera: self.body_from_camera,
-            sigma_rad_s: self.config.flow_sigma_rad_s,
-            min_distance_m: self.config.flow_min_distance_m,
-        })
-    }
-
-    fn take_range(&mut self, sample: &RangeSample, now: Timestamp) {
-        match self.range_measurement(sample, now) {
-            Ok(measurement) => {
-                let measurement = Measurement::Range(measurement);
-                self.core.submit(sample.time, TimeDelta::ZERO, measurement);
+    fn take_ranges(&mut self, batch: &SensorBatch) {
+        let state = self.airborne_state();
+        let sensor = self.downward.height_sensor();
+        let samples = match sensor {
+            Sensor::Sonar => &batch.sonar,
+            _ => &batch.infrared,
+        };
+        for sample in samples {
+            let read = match sensor {
+                Sensor::Sonar => self.downward.sonar(sample, batch.now, state.as_ref()),
+                _ => self.downward.infrared(sample, batch.now, state.as_ref()),
+            };
+            match read {
+                Ok(measurement) => self.core.submit(sample.time, TimeDelta::ZERO, measurement),
+                Err(reason) => self.core.reject(sample.time, sensor, reason),
             }
-            Err(reason) => self.core.reject(sample.time, Sensor::Infrared, reason),
         }
-    }
-
-    fn range_measurement(
-        &mut self,
-        sample: &RangeSample,
-        now: Timestamp,
-    ) -> Result<RangeMeasurement, Rejection> {
-        if !sample.range_m.is_finite() {
-            return Err(Rejection::NotFinite);
-        }
-        self.check_phase()?;
-        let repeated_s = self
-            .range_repetition
-            .add([sample.range_m, 0.0], sample.time);
-        if !sample.is_valid() || repeated_s > self.config.stuck_after_s || sample.time > now {
-            return Err(Rejection::Invalid);
-        }
-        Ok(RangeMeasurement {
-            sensor: Sensor::Infrared,
-            range_m: sample.range_m,
-            body_from_ranger: self.body_from_ranger,
-            sigma_m: self.config.range_sigma_m,
-        })
     }
 
     /// On the ground, or without a filter, the downward sensors say nothing.
-    fn check_phase(&self) -> Result<(), Rejection> {
-        if self.phase == FlightPhase::Landed || !self.core.is_running() {
-            return Err(Rejection::Phase);
-        }
-        Ok(())
+    fn airborne_state(&self) -> Option<Nominal> {
+        let airborne = self.phase != FlightPhase::Landed && self.core.is_running();
+        self.core.nominal().copied().filter(|_| airborne)
     }
 
     fn watch_fusions(&mut self) {
         for fusion in self.core.fusions() {
             match fusion.sensor {
                 Sensor::Flow => self.flow_watch.note(fusion),
-                Sensor::Infrared => self.range_watch.note(fusion),
+                Sensor::Infrared | Sensor::Sonar => self.range_watch.note(fusion),
                 Sensor::Ground if fusion.accepted() => {
                     self.flow_watch.note(fusion);
                     self.range_watch.note(fusion);
@@ -257,11 +210,9 @@ impl Estimator for FlowOdometry {
             self.standing.leave();
         }
         self.take_inertial(batch, mode);
+        self.take_ranges(batch);
         for sample in &batch.flow {
             self.take_flow(sample, batch.now);
-        }
-        for sample in &batch.infrared {
-            self.take_range(sample, batch.now);
         }
         self.core.settle();
         self.core.check(batch.now);

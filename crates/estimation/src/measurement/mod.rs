@@ -2,13 +2,17 @@
 
 mod flow;
 mod ground;
+mod planar_velocity;
 mod pose;
 mod range;
+mod sonar;
 
 pub use flow::FlowMeasurement;
 pub use ground::{AngularRateMeasurement, HoldMeasurement, VelocityMeasurement};
+pub use planar_velocity::PlanarVelocityMeasurement;
 pub use pose::{OrientationMeasurement, PositionMeasurement};
 pub use range::RangeMeasurement;
+pub use sonar::SonarMeasurement;
 
 use alula_geometry::{Timestamp, gaussian::chi_square_quantile};
 use alula_messages::{Fusion, Rejection, Sensor};
@@ -46,8 +50,12 @@ trait Model<const M: usize> {
 pub enum Measurement {
     /// Raw flow.
     Flow(FlowMeasurement),
-    /// Distance to the ground.
+    /// Distance to the ground along a beam.
     Range(RangeMeasurement),
+    /// Velocity along the image plane.
+    PlanarVelocity(PlanarVelocityMeasurement),
+    /// Distance to the nearest ground.
+    Sonar(SonarMeasurement),
     /// External position.
     Position(PositionMeasurement),
     /// External orientation.
@@ -66,14 +74,24 @@ impl Measurement {
     /// The sensor it comes from; `None` for an inflation.
     pub fn sensor(&self) -> Option<Sensor> {
         match self {
-            Self::Flow(_) => Some(Sensor::Flow),
+            Self::Flow(_) | Self::PlanarVelocity(_) => Some(Sensor::Flow),
             Self::Range(range) => Some(range.sensor),
+            Self::Sonar(_) => Some(Sensor::Sonar),
             Self::Position(_) => Some(Sensor::Position),
             Self::Orientation(_) => Some(Sensor::Orientation),
             Self::GroundVelocity(_) | Self::GroundRate(_) | Self::GroundHold(_) => {
                 Some(Sensor::Ground)
             }
             Self::Inflation(_) => None,
+        }
+    }
+
+    /// The interval over which it needs to know the mean angular rate, s, and where to put that.
+    pub fn angular_rate_mut(&mut self) -> Option<(f64, &mut Vector3<f64>)> {
+        match self {
+            Self::Flow(m) => Some((m.interval_s, &mut m.angular_rate)),
+            Self::PlanarVelocity(m) => Some((m.interval_s, &mut m.angular_rate)),
+            _ => None,
         }
     }
 
@@ -88,6 +106,8 @@ impl Measurement {
         match self {
             Self::Flow(m) => Some(attempt.run(Sensor::Flow, m)),
             Self::Range(m) => Some(attempt.run(m.sensor, m)),
+            Self::PlanarVelocity(m) => Some(attempt.run(Sensor::Flow, m)),
+            Self::Sonar(m) => Some(attempt.run(Sensor::Sonar, m)),
             Self::Position(m) => Some(attempt.run(Sensor::Position, m)),
             Self::Orientation(m) => Some(attempt.run(Sensor::Orientation, m)),
             Self::GroundVelocity(m) => Some(attempt.run(Sensor::Ground, m)),

@@ -32,6 +32,7 @@ pub struct Flight {
     /// From this time on the ground is this much higher.
     pub raised: Option<(f64, f64)>,
     rng: Pcg64,
+    sonar_rng: Pcg64,
     accelerometer_bias: Vector3<f64>,
     gyroscope_bias: Vector3<f64>,
     config: FlowOdometryConfig,
@@ -72,6 +73,7 @@ impl Flight {
             accelerometer_bias: normal(&mut rng) * bias,
             gyroscope_bias: normal(&mut rng) * 0.01,
             rng,
+            sonar_rng: Pcg64::seed_from_u64(!seed),
             config,
             calibration: calibration(),
             next: 0,
@@ -152,6 +154,9 @@ impl Flight {
             let arrival = Timestamp::from_s(t + 0.012);
             self.delayed_flow.push((arrival, flow));
         }
+        if self.next % 17 == 0 {
+            batch.sonar.push(self.sonar(now));
+        }
         if self.next % 5 == 0 {
             let range = self.range(now);
             let arrival = Timestamp::from_s(t + 0.006);
@@ -224,6 +229,20 @@ impl Flight {
             range_m,
             min_m: 0.2,
             max_m: 14.0,
+        }
+    }
+
+    /// Height of the flow camera, beside which the sonar sits. It has its own noise, so that the
+    /// other sensors read the same with and without it.
+    fn sonar(&mut self, now: Timestamp) -> RangeSample {
+        let pose = self.pose(now.as_s()) * self.calibration.flow_camera.body_from_sensor();
+        let height_m = pose.translation.vector.z - self.ground_m(now.as_s());
+        let drawn = normal(&mut self.sonar_rng).x * self.config.sonar.height_sigma_m;
+        RangeSample {
+            time: now,
+            range_m: height_m + if self.noise { drawn } else { 0.0 },
+            min_m: 0.3,
+            max_m: 5.0,
         }
     }
 
