@@ -3,10 +3,14 @@
 // It prints its budgets.
 #![allow(clippy::print_stdout)]
 
-use alula_estimation::eskf::{Filter, ImuNoise, InertialInput, Nominal};
+use alula_estimation::eskf::{
+    Filter, FilterKind, ImuNoise, InertialInput, Nominal, QuaternionIntegration, Truncation,
+    Variant,
+};
 use alula_estimation::history::History;
 use alula_estimation::measurement::{
-    FlowMeasurement, Gates, Measurement, PositionMeasurement, RangeMeasurement,
+    FlowMeasurement, Gates, Measurement, PlanarVelocityMeasurement, PositionMeasurement,
+    RangeMeasurement, SonarMeasurement,
 };
 use alula_geometry::{Timestamp, so3};
 use alula_messages::{ImuSample, Looking, Mount, Sensor};
@@ -48,28 +52,65 @@ fn propagate(bencher: Bencher) {
     });
 }
 
-fn fuse(bencher: Bencher, measurement: Measurement) {
-    let gates = Gates::new(0.999);
-    let fused = measurement.fuse(Timestamp::ZERO, &mut filter(), &gates);
-    assert!(fused.is_some_and(|fusion| fusion.accepted()));
-    bencher.with_inputs(filter).bench_local_refs(|filter| {
-        black_box(black_box(&measurement).fuse(Timestamp::ZERO, filter, &gates))
-    });
+/// The most costly transition of each kind of filter.
+const COSTLIEST: [FilterKind; 3] = [
+    FilterKind::ErrorStateLocal,
+    FilterKind::ErrorStateGlobal,
+    FilterKind::Extended,
+];
+
+fn costliest(kind: FilterKind) -> Filter {
+    filter().in_variant(Variant {
+        filter: kind,
+        integration: QuaternionIntegration::Q1,
+        transition: Truncation::F3,
+    })
 }
 
-#[divan::bench(sample_count = 2000, sample_size = 50)]
-fn fuse_range_1(bencher: Bencher) {
+#[divan::bench(sample_count = 2000, sample_size = 50, args = COSTLIEST)]
+fn propagate_f3(bencher: Bencher, kind: FilterKind) {
+    let noise = ImuNoise::default();
+    bencher
+        .with_inputs(|| costliest(kind))
+        .bench_local_refs(|filter| {
+            filter.propagate(black_box(&input()), black_box(0.004), &noise);
+        });
+}
+
+fn fuse(bencher: Bencher, kind: FilterKind, measurement: Measurement) {
+    let gates = Gates::new(0.999);
+    let fused = measurement.fuse(Timestamp::ZERO, &mut costliest(kind), &gates);
+    assert!(fused.is_some_and(|fusion| fusion.accepted()));
+    bencher
+        .with_inputs(|| costliest(kind))
+        .bench_local_refs(|filter| {
+            black_box(black_box(&measurement).fuse(Timestamp::ZERO, filter, &gates))
+        });
+}
+
+#[divan::bench(sample_count = 2000, sample_size = 50, args = COSTLIEST)]
+fn fuse_range_1(bencher: Bencher, kind: FilterKind) {
     let range = RangeMeasurement {
         sensor: Sensor::Infrared,
         range_m: 1.5,
         body_from_ranger: down(),
         sigma_m: 0.02,
     };
-    fuse(bencher, Measurement::Range(range));
+    fuse(bencher, kind, Measurement::Range(range));
 }
 
-#[divan::bench(sample_count = 2000, sample_size = 50)]
-fn fuse_flow_2(bencher: Bencher) {
+#[divan::bench(sample_count = 2000, sample_size = 50, args = COSTLIEST)]
+fn fuse_sonar_1(bencher: Bencher, kind: FilterKind) {
+    let sonar = SonarMeasurement {
+        range_m: 1.5,
+        body_from_sonar: down(),
+        sigma_m: 0.05,
+    };
+    fuse(bencher, kind, Measurement::Sonar(sonar));
+}
+
+#[divan::bench(sample_count = 2000, sample_size = 50, args = COSTLIEST)]
+fn fuse_flow_2(bencher: Bencher, kind: FilterKind) {
     let flow = FlowMeasurement {
         flow_rad_s: Vector2::new(0.0, 0.5),
         angular_rate: input().angular_rate,
@@ -78,16 +119,28 @@ fn fuse_flow_2(bencher: Bencher) {
         sigma_rad_s: 0.5,
         min_distance_m: 0.3,
     };
-    fuse(bencher, Measurement::Flow(flow));
+    fuse(bencher, kind, Measurement::Flow(flow));
 }
 
-#[divan::bench(sample_count = 2000, sample_size = 50)]
-fn fuse_position_3(bencher: Bencher) {
+#[divan::bench(sample_count = 2000, sample_size = 50, args = COSTLIEST)]
+fn fuse_planar_velocity_2(bencher: Bencher, kind: FilterKind) {
+    let velocity = PlanarVelocityMeasurement {
+        angular_rate: input().angular_rate,
+        interval_s: 0.01,
+        body_from_camera: down(),
+        sigma_m_s: 1.0,
+        ..PlanarVelocityMeasurement::from_flow(Vector2::new(0.0, 0.5), 1.5)
+    };
+    fuse(bencher, kind, Measurement::PlanarVelocity(velocity));
+}
+
+#[divan::bench(sample_count = 2000, sample_size = 50, args = COSTLIEST)]
+fn fuse_position_3(bencher: Bencher, kind: FilterKind) {
     let position = PositionMeasurement {
         position_world: Vector3::new(1.4, 1.8, 1.55),
         sigma_m: 0.01,
     };
-    fuse(bencher, Measurement::Position(position));
+    fuse(bencher, kind, Measurement::Position(position));
 }
 
 /// A position 0.1 s late at 250 Hz: 25 propagations and a fusion.
