@@ -6,6 +6,7 @@
 //! [`alula_messages::Fusion`]. [`metrics`] judges trajectories and consistency.
 
 pub mod alignment;
+pub mod complementary;
 pub mod eskf;
 mod estimator;
 mod flow_odometry;

@@ -25,10 +25,28 @@ pub struct Truth {
     pub world_from_body: UnitQuaternion<f64>,
 }
 
-/// Take-off at 3 s, at height at 6 s, curves, landing within 4 s before `land_s`.
+/// What is flown between take-off and landing.
+#[derive(Clone, Copy, PartialEq)]
+pub enum Path {
+    /// Curves.
+    Curves,
+    /// Forward, left, backward, right, forward-left, backward-right (document O, section 2.5.3):
+    /// each leg 2 m in 3 s from rest to rest, then 1 s of hovering.
+    Legs,
+}
+
+/// Time at which all of [`Path::Legs`] are flown and the vehicle is down again, s.
+pub const LEGS_LAND_S: f64 = UP_S + 1.0 + 6.0 * 4.0 + DOWN_TAKES_S;
+
+/// Take-off at 3 s, at height at 6 s, the path, landing within 4 s before `land_s`.
 pub struct Flight {
     pub land_s: f64,
+    pub path: Path,
     pub noise: bool,
+    /// Scale of each axis of the accelerometer and of the gyroscope (document O, 2.11, 2.12).
+    pub scale: [Vector3<f64>; 2],
+    /// Random walks of the two biases, m/s^3/sqrt(Hz) and rad/s^2/sqrt(Hz).
+    pub walk: [f64; 2],
     /// From this time on the ground is this much higher.
     pub raised: Option<(f64, f64)>,
     rng: Pcg64,
@@ -61,6 +79,24 @@ fn smooth(s: f64) -> f64 {
     s * s * s * (10.0 + s * (6.0 * s - 15.0))
 }
 
+/// Where the legs have led `s` seconds after their start.
+fn legs(s: f64) -> Vector3<f64> {
+    const LEGS: [[f64; 2]; 6] = [
+        [1.0, 0.0],
+        [0.0, 1.0],
+        [-1.0, 0.0],
+        [0.0, -1.0],
+        [1.0, 1.0],
+        [-1.0, -1.0],
+    ];
+    let mut place = Vector3::zeros();
+    for (i, [x, y]) in LEGS.into_iter().enumerate() {
+        let way = Vector3::new(x, y, 0.0).normalize() * 2.0;
+        place += way * smooth((s - 4.0 * i as f64) / 3.0);
+    }
+    place
+}
+
 impl Flight {
     pub fn new(seed: u64, land_s: f64) -> Self {
         let mut rng = Pcg64::seed_from_u64(seed);
@@ -68,7 +104,10 @@ impl Flight {
         let bias = config.alignment.accelerometer_bias_sigma_m_s2;
         Self {
             land_s,
+            path: Path::Curves,
             noise: true,
+            scale: [Vector3::repeat(1.0); 2],
+            walk: [0.0; 2],
             raised: None,
             accelerometer_bias: normal(&mut rng) * bias,
             gyroscope_bias: normal(&mut rng) * 0.01,
@@ -79,6 +118,20 @@ impl Flight {
             next: 0,
             delayed_flow: Vec::new(),
             delayed_range: Vec::new(),
+        }
+    }
+
+    /// The legs of document O, section 2.5.3, flown with an inertial unit that has all errors of
+    /// its section 2.2.4: scale (its table 2.2), bias, noise, and walks (document L, table A-1).
+    pub fn legs(seed: u64) -> Self {
+        Self {
+            path: Path::Legs,
+            scale: [
+                Vector3::new(0.9963, 1.0053, 1.0098),
+                Vector3::new(1.002, 0.998, 1.001),
+            ],
+            walk: [3.163e-4, 3.013e-6],
+            ..Self::new(seed, LEGS_LAND_S)
         }
     }
 
@@ -95,15 +148,24 @@ impl Flight {
         let down = smooth((t - (self.land_s - DOWN_TAKES_S)) / DOWN_TAKES_S);
         let moving = smooth((t - UP_S) / 3.0) * (1.0 - smooth((t - self.land_s + 7.0) / 3.0));
         let s = t - UP_S;
-        let wander = Vector3::new(
-            2.0 * (0.7 * s).sin(),
-            1.5 * (0.9 * s).sin(),
-            0.3 * (1.1 * s).sin(),
-        );
-        Vector3::z() * (STAND_HEIGHT_M + 1.4 * up * (1.0 - down)) + wander * moving
+        let way = match self.path {
+            Path::Curves => {
+                let wander = Vector3::new(
+                    2.0 * (0.7 * s).sin(),
+                    1.5 * (0.9 * s).sin(),
+                    0.3 * (1.1 * s).sin(),
+                );
+                wander * moving
+            }
+            Path::Legs => legs(s - 1.0),
+        };
+        Vector3::z() * (STAND_HEIGHT_M + 1.4 * up * (1.0 - down)) + way
     }
 
     fn yaw(&self, t: f64) -> f64 {
+        if self.path == Path::Legs {
+            return 0.0;
+        }
         let moving = smooth((t - UP_S) / 3.0) * (1.0 - smooth((t - self.land_s + 7.0) / 3.0));
         0.8 * (0.4 * (t - UP_S)).sin() * moving
     }
@@ -180,14 +242,19 @@ impl Flight {
         let acceleration = (after.velocity_world - before.velocity_world) / dt;
         let noise = self.config.imu_noise.clone();
         let root = dt.sqrt();
+        if self.walk != [0.0; 2] {
+            let [force_walk, rate_walk] = [self.draw(), self.draw()];
+            self.accelerometer_bias += force_walk * (self.walk[0] * root);
+            self.gyroscope_bias += rate_walk * (self.walk[1] * root);
+        }
+        let [force_scale, rate_scale] = self.scale;
+        let force = middle.inverse() * (acceleration - gravity_world())
+            + self.draw() * (noise.accelerometer_noise_m_s2_sqrt_hz / root);
+        let rate = turn / dt + self.draw() * (noise.gyroscope_noise_rad_s_sqrt_hz / root);
         ImuSample {
             time: now,
-            specific_force: middle.inverse() * (acceleration - gravity_world())
-                + self.accelerometer_bias
-                + self.draw() * (noise.accelerometer_noise_m_s2_sqrt_hz / root),
-            angular_rate: turn / dt
-                + self.gyroscope_bias
-                + self.draw() * (noise.gyroscope_noise_rad_s_sqrt_hz / root),
+            specific_force: force_scale.component_mul(&force) + self.accelerometer_bias,
+            angular_rate: rate_scale.component_mul(&rate) + self.gyroscope_bias,
         }
     }
 
