@@ -3,7 +3,10 @@
 use alula_messages::{FlightMode, Fusion, NavState, SensorBatch};
 use alula_parameters::{ParameterError, parameters};
 
-use crate::{FlowCalibration, FlowOdometry, FlowOdometryConfig, PoseImu, PoseImuConfig};
+use crate::{
+    Cascade, CascadeConfig, FlowCalibration, FlowOdometry, FlowOdometryConfig, PoseImu,
+    PoseImuConfig,
+};
 
 /// Estimates the vehicle's motion from what its sensors say.
 pub trait Estimator {
@@ -18,7 +21,7 @@ pub trait Estimator {
 }
 
 /// Names that [`by_name`] knows.
-pub const ESTIMATOR_NAMES: [&str; 2] = ["flow-odometry", "pose-imu"];
+pub const ESTIMATOR_NAMES: [&str; 3] = ["flow-odometry", "pose-imu", "cascade"];
 
 parameters! {
     /// Configuration of all estimators; each reads its own table.
@@ -27,6 +30,8 @@ parameters! {
         pub flow_odometry: FlowOdometryConfig = FlowOdometryConfig::default(), nested();
         /// Inertial data and external poses.
         pub pose_imu: PoseImuConfig = PoseImuConfig::default(), nested();
+        /// Inertial data, flow and range, in two stages.
+        pub cascade: CascadeConfig = CascadeConfig::default(), nested();
     }
 }
 
@@ -40,8 +45,11 @@ pub enum BuildError {
         name: String,
     },
     /// It needs to know where its flow camera and its ranger are.
-    #[error("the estimator `flow-odometry` needs the calibrated mounts of flow camera and ranger")]
-    NoCalibration,
+    #[error("the estimator `{name}` needs the calibrated mounts of flow camera and ranger")]
+    NoCalibration {
+        /// Its name.
+        name: String,
+    },
     /// A parameter is not allowed.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
@@ -56,14 +64,17 @@ pub fn by_name(
     config: &EstimatorConfig,
     calibration: Option<&FlowCalibration>,
 ) -> Result<Box<dyn Estimator>, BuildError> {
+    let mounts = || {
+        calibration.ok_or(BuildError::NoCalibration {
+            name: name.to_owned(),
+        })
+    };
     match name {
-        "flow-odometry" => {
-            let calibration = calibration.ok_or(BuildError::NoCalibration)?;
-            Ok(Box::new(FlowOdometry::new(
-                &config.flow_odometry,
-                calibration,
-            )?))
-        }
+        "flow-odometry" => Ok(Box::new(FlowOdometry::new(
+            &config.flow_odometry,
+            mounts()?,
+        )?)),
+        "cascade" => Ok(Box::new(Cascade::new(&config.cascade, mounts()?)?)),
         "pose-imu" => Ok(Box::new(PoseImu::new(&config.pose_imu)?)),
         _ => Err(BuildError::UnknownName {
             name: name.to_owned(),

@@ -84,10 +84,10 @@ impl EstimationConfig {
                     name,
                     format!("one of {}", alula_estimation::ESTIMATOR_NAMES.join(", ")),
                 ),
-                BuildError::NoCalibration => ParameterError::new(
+                BuildError::NoCalibration { name } => ParameterError::new(
                     "calibration",
                     "missing",
-                    "the mounts of flow camera and ranger, which flow odometry needs",
+                    format!("the mounts of flow camera and ranger, which `{name}` needs"),
                 ),
             }
         })

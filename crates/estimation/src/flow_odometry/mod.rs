@@ -230,13 +230,18 @@ impl Estimator for FlowOdometry {
     }
 }
 
-fn is_on_ground(mode: FlightMode) -> bool {
+pub(crate) fn is_on_ground(mode: FlightMode) -> bool {
     matches!(mode, FlightMode::Disarmed | FlightMode::Armed)
 }
 
 /// The phase that follows from the mode of flight and the height above the ground (document S,
 /// section 2.10.2): landed, taking off, flying, landing are its phases A, B, C, D.
-fn next_phase(phase: FlightPhase, mode: FlightMode, height_m: f64, low_m: f64) -> FlightPhase {
+pub(crate) fn next_phase(
+    phase: FlightPhase,
+    mode: FlightMode,
+    height_m: f64,
+    low_m: f64,
+) -> FlightPhase {
     let low = height_m < low_m;
     match mode {
         FlightMode::Disarmed | FlightMode::Armed => FlightPhase::Landed,

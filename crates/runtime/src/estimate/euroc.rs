@@ -57,10 +57,10 @@ pub(super) fn read(job: &Job) -> Result<Feed, RunError> {
         .estimator
         .clone()
         .unwrap_or_else(|| DEFAULT_ESTIMATOR.to_owned());
-    let mut feed = if name == "flow-odometry" {
-        flow_feed(job, &imu.samples, &truth)
-    } else {
+    let mut feed = if name == "pose-imu" {
         pose_feed(job, &imu.samples, &truth)
+    } else {
+        flow_feed(job, &imu.samples, &truth)
     };
     feed.notes.splice(0..0, warnings);
     feed.estimation.estimator = name;
@@ -105,6 +105,7 @@ fn set_noise(parameters: &mut EstimatorConfig, facts: &ImuFacts) {
     noise.accelerometer_bias_walk_m_s3_sqrt_hz = facts.accelerometer_random_walk_m_s3_sqrt_hz;
     noise.gyroscope_bias_walk_rad_s2_sqrt_hz = facts.gyroscope_random_walk_rad_s2_sqrt_hz;
     parameters.flow_odometry.imu_noise = noise.clone();
+    parameters.cascade.imu_noise = noise.clone();
 }
 
 /// Factor from the noise of a data sheet, measured at rest, to that in flight.
@@ -169,9 +170,14 @@ fn flow_feed(job: &Job, imu: &[ImuSample], truth: &[TruthSample]) -> Feed {
     let heights = || truth.iter().map(|t| t.world_from_body.translation.z);
     let floor_m = heights().fold(f64::INFINITY, f64::min) - FLOOR_BELOW_LOWEST_M;
     let start_m = heights().next().unwrap_or(floor_m);
-    let alignment = &mut estimation.parameters.flow_odometry.alignment;
-    alignment.start_position_m = [0.0, 0.0, start_m - floor_m];
-    alignment.duration_s = STILL_S;
+    let parameters = &mut estimation.parameters;
+    for alignment in [
+        &mut parameters.flow_odometry.alignment,
+        &mut parameters.cascade.alignment,
+    ] {
+        alignment.start_position_m = [0.0, 0.0, start_m - floor_m];
+        alignment.duration_s = STILL_S;
+    }
     let mut steps = batches(&body_samples);
     let mut imagined = Imagined::new(&calibration, floor_m, job.seed);
     imagined.deliver(&truth, &mut steps);
