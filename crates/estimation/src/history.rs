@@ -26,6 +26,8 @@ struct Node {
 #[derive(Clone, Copy, Debug)]
 struct Entry {
     time: Timestamp,
+    /// Which of several sensors of the same kind.
+    source: u8,
     measurement: Measurement,
     /// Whether its first fusion was told to the caller.
     reported: bool,
@@ -115,12 +117,27 @@ impl History {
         self.mark_changed(sample.time);
     }
 
-    /// Adds a measurement; it is fused by the next [`Self::settle`].
+    /// Adds a measurement of the only sensor of its kind, see [`Self::insert_from`].
+    ///
+    /// # Errors
+    /// The reason why it cannot be.
+    pub fn insert(&mut self, time: Timestamp, measurement: Measurement) -> Result<(), Rejection> {
+        self.insert_from(0, time, measurement)
+    }
+
+    /// Adds a measurement of the sensor number `source` of its kind; it is fused by the next
+    /// [`Self::settle`]. Those of equal time are fused in the order of their sources, so that the
+    /// order in which sensors are heard does not matter.
     ///
     /// # Errors
     /// The reason why it cannot be: older than the history, later than the last inertial sample,
-    /// or there is one of the same kind for this time already.
-    pub fn insert(&mut self, time: Timestamp, measurement: Measurement) -> Result<(), Rejection> {
+    /// or there is one of the same kind and source for this time already.
+    pub fn insert_from(
+        &mut self,
+        source: u8,
+        time: Timestamp,
+        measurement: Measurement,
+    ) -> Result<(), Rejection> {
         let (Some(first), Some(last)) = (self.nodes.front(), self.nodes.back()) else {
             return Err(Rejection::TooOld);
         };
@@ -130,13 +147,15 @@ impl History {
         if time > last.time {
             return Err(Rejection::Invalid);
         }
-        let place = self.entries.partition_point(|e| e.time <= time);
+        let place = self
+            .entries
+            .partition_point(|e| (e.time, e.source) <= (time, source));
         let same_time = self
             .entries
             .iter()
             .take(place)
             .rev()
-            .take_while(|e| e.time == time);
+            .take_while(|e| (e.time, e.source) == (time, source));
         let kind = discriminant(&measurement);
         if same_time
             .into_iter()
@@ -151,6 +170,7 @@ impl History {
             place,
             Entry {
                 time,
+                source,
                 measurement,
                 reported: false,
             },

@@ -24,6 +24,7 @@ const MAX_VELOCITY_SIGMA_M_S: f64 = 5.0;
 
 #[derive(Clone, Copy, Debug)]
 struct Waiting {
+    source: u8,
     time: Timestamp,
     ready_at: Timestamp,
     measurement: Measurement,
@@ -117,12 +118,24 @@ impl InertialCore {
 
     /// Takes a measurement, to be fused once inertial data reach `time` + `lag`.
     pub fn submit(&mut self, time: Timestamp, lag: TimeDelta, measurement: Measurement) {
+        self.submit_from(0, time, lag, measurement);
+    }
+
+    /// The same for the sensor number `source` of several of a kind.
+    pub fn submit_from(
+        &mut self,
+        source: u8,
+        time: Timestamp,
+        lag: TimeDelta,
+        measurement: Measurement,
+    ) {
         if self.waiting.len() == WAITING_CAPACITY
             && let Some(oldest) = self.waiting.pop_front()
         {
             self.reject_waiting(&oldest, Rejection::TooOld);
         }
         self.waiting.push_back(Waiting {
+            source,
             time,
             ready_at: time + lag,
             measurement,
@@ -171,7 +184,8 @@ impl InertialCore {
                 *angular_rate = rate;
             }
         }
-        if let Err(reason) = self.history.insert(waiting.time, waiting.measurement) {
+        let Waiting { source, time, .. } = waiting;
+        if let Err(reason) = self.history.insert_from(source, time, waiting.measurement) {
             self.reject_waiting(&waiting, reason);
         }
     }

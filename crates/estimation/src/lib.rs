@@ -20,6 +20,7 @@ pub mod measurement;
 pub mod metrics;
 mod outliers;
 mod pose_imu;
+mod pose_sensor;
 mod watch;
 
 pub use cascade::{Cascade, CascadeConfig, Ranger};
@@ -29,3 +30,4 @@ pub use flow_odometry::{
 };
 pub use outliers::OutlierConfig;
 pub use pose_imu::{PoseImu, PoseImuConfig};
+pub use pose_sensor::PoseSensorConfig;

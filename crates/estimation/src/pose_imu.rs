@@ -5,16 +5,18 @@ use std::collections::VecDeque;
 use alula_geometry::TimeDelta;
 use alula_messages::{
     EstimateHealth, FlightMode, FlightPhase, Fusion, ImuSample, NavState, PoseSample, Rejection,
-    Sensor, SensorBatch,
+    Sensor, SensorBatch, Unobserved,
 };
 use alula_parameters::{ParameterError, Parameters, parameters};
 use nalgebra::Vector3;
 
 use crate::Estimator;
 use crate::eskf::{ErrorVector, Filter, ImuNoise, Nominal};
+use crate::estimator::TIED;
 use crate::imu::{Contact, ImuLimits};
 use crate::inertial_core::InertialCore;
 use crate::measurement::{Measurement, OrientationMeasurement, PositionMeasurement};
+use crate::pose_sensor::{PoseSensor, PoseSensorConfig};
 use crate::watch::Watch;
 
 /// Greatest time between the first pose and the inertial sample before it, s.
@@ -31,6 +33,9 @@ parameters! {
         pub history_samples: usize = 250, within(10.0, 5000.0);
         /// Share of good measurements that pass the gate.
         pub gate_probability: f64 = 0.999, within(0.5, 0.999_999);
+        /// The pose sensors by number, with their places in the body. If none is named there is one,
+        /// which measures the pose of the body itself with the two standard deviations below.
+        pub sensors: Vec<PoseSensorConfig> = Vec::new(), nested();
         /// Standard deviation of measured positions on each axis, m.
         pub position_sigma_m: f64 = 0.01, within(1e-5, 10.0);
         /// Standard deviation of measured orientations about each axis, rad.
@@ -54,11 +59,12 @@ parameters! {
 /// Integrates inertial data and corrects with poses at the time at which they were measured.
 ///
 /// It starts at the first pose to which the inertial data reach back. Poses may come late, out of
-/// order and with losses. After inertial data were lost it starts again at the next pose, because
+/// order, with losses, and from several sensors in different places of the body. After inertial data were lost it starts again at the next pose, because
 /// poses are absolute.
 #[derive(Clone, Debug)]
 pub struct PoseImu {
     config: PoseImuConfig,
+    sensors: Vec<PoseSensor>,
     core: InertialCore,
     /// Inertial samples before the start, oldest first.
     early: VecDeque<ImuSample>,
@@ -73,7 +79,15 @@ impl PoseImu {
     /// The first parameter that is not allowed.
     pub fn new(config: &PoseImuConfig) -> Result<Self, ParameterError> {
         config.validate()?;
+        let mut sensors: Vec<PoseSensor> = config.sensors.iter().map(PoseSensor::new).collect();
+        if sensors.is_empty() {
+            sensors.push(PoseSensor::of_body(
+                config.position_sigma_m,
+                config.orientation_sigma_rad,
+            ));
+        }
         Ok(Self {
+            sensors,
             core: InertialCore::new(
                 config.history_samples,
                 config.imu_noise.clone(),
@@ -109,6 +123,11 @@ impl PoseImu {
     }
 
     fn take_pose(&mut self, sample: &PoseSample, batch: &SensorBatch) {
+        let Some(sensor) = self.sensors.get(usize::from(sample.sensor)).copied() else {
+            self.core
+                .reject(sample.time, Sensor::Position, Rejection::Invalid);
+            return;
+        };
         let pose = &sample.world_from_body;
         let finite = pose.translation.vector.iter().all(|x| x.is_finite())
             && pose.rotation.coords.iter().all(|x| x.is_finite());
@@ -119,29 +138,32 @@ impl PoseImu {
             self.core
                 .reject(sample.time, Sensor::Position, Rejection::Invalid);
         } else if self.core.is_running() {
-            self.submit(sample);
+            self.submit(sample, &sensor);
         } else {
-            self.start(sample);
+            self.start(sample, &sensor);
         }
     }
 
-    fn submit(&mut self, sample: &PoseSample) {
-        let pose = &sample.world_from_body;
+    fn submit(&mut self, sample: &PoseSample, sensor: &PoseSensor) {
+        let pose = sensor.world_from_body(&sample.world_from_body);
         let position = PositionMeasurement {
             position_world: pose.translation.vector,
-            sigma_m: self.config.position_sigma_m,
+            sigma_m: sensor.position_sigma_m,
         };
         let orientation = OrientationMeasurement {
             world_from_body: pose.rotation,
-            sigma_rad: self.config.orientation_sigma_rad,
+            sigma_rad: sensor.orientation_sigma_rad,
         };
-        let mut submit = |measurement| self.core.submit(sample.time, TimeDelta::ZERO, measurement);
+        let mut submit = |measurement| {
+            self.core
+                .submit_from(sample.sensor, sample.time, TimeDelta::ZERO, measurement);
+        };
         submit(Measurement::Position(position));
         submit(Measurement::Orientation(orientation));
     }
 
     /// Starts at the last inertial sample before the pose and catches up with the present.
-    fn start(&mut self, sample: &PoseSample) {
+    fn start(&mut self, sample: &PoseSample, sensor: &PoseSensor) {
         let later = self.early.partition_point(|imu| imu.time <= sample.time);
         let before = later
             .checked_sub(1)
@@ -154,7 +176,8 @@ impl PoseImu {
                 .reject(sample.time, Sensor::Position, Rejection::TooOld);
             return;
         };
-        self.core.start(&first, self.filter(sample));
+        let filter = self.filter(sample, sensor);
+        self.core.start(&first, filter);
         self.position_watch = Watch::since(sample.time);
         self.orientation_watch = Watch::since(sample.time);
         for imu in self.early.range(later..) {
@@ -163,17 +186,18 @@ impl PoseImu {
         self.early.clear();
     }
 
-    fn filter(&self, sample: &PoseSample) -> Filter {
+    fn filter(&self, sample: &PoseSample, sensor: &PoseSensor) -> Filter {
         let config = &self.config;
+        let pose = sensor.world_from_body(&sample.world_from_body);
         let nominal = Nominal {
-            position_world: sample.world_from_body.translation.vector,
-            world_from_body: sample.world_from_body.rotation,
+            position_world: pose.translation.vector,
+            world_from_body: pose.rotation,
             ..Nominal::default()
         };
         let sigma = [
-            config.position_sigma_m,
+            sensor.position_sigma_m,
             config.start_velocity_sigma_m_s,
-            config.orientation_sigma_rad,
+            sensor.orientation_sigma_rad,
             config.accelerometer_bias_sigma_m_s2,
             config.gyroscope_bias_sigma_rad_s,
         ];
@@ -240,6 +264,21 @@ impl Estimator for PoseImu {
 
     fn fusions(&self) -> &[Fusion] {
         self.core.fusions()
+    }
+
+    fn unobserved(&self) -> Unobserved {
+        let (Some(now), true) = (self.core.latest_time(), self.core.is_running()) else {
+            return Unobserved::ALL;
+        };
+        let limit_s = self.config.degraded_after_s;
+        let position = self.position_watch.silent_s(now) > limit_s;
+        Unobserved {
+            horizontal_position: position,
+            height: position,
+            velocity: position,
+            yaw: self.orientation_watch.silent_s(now) > limit_s,
+            level_accelerometer_bias: self.core.state().bias_is_tied_to_tilt(TIED),
+        }
     }
 }
 

@@ -91,6 +91,7 @@ fn judge(recording: &Recording, lost: impl Fn(f64) -> bool) -> Judged {
             if !lost(time.seconds_since(start)) {
                 batch.poses.push(PoseSample {
                     time: *time,
+                    sensor: 0,
                     world_from_body: *pose,
                 });
             }

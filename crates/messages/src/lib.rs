@@ -30,5 +30,5 @@ pub use reference::Reference;
 pub use sensors::{
     AutopilotStatus, DepthImage, FlowSample, ImuSample, PoseSample, RangeSample, SensorBatch,
 };
-pub use state::{ErrorCovariance, EstimateHealth, FlightPhase, NavState, error_index};
+pub use state::{ErrorCovariance, EstimateHealth, FlightPhase, NavState, Unobserved, error_index};
 pub use vehicle::{Vehicle, VehicleError};

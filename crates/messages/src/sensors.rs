@@ -51,12 +51,16 @@ impl RangeSample {
     }
 }
 
-/// A pose measured from outside, for example by motion capture.
+/// A pose measured from outside, for example by motion capture, or by a camera that knows the room.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PoseSample {
     /// Time of measurement; the sample may arrive much later.
     pub time: Timestamp,
-    /// The measured pose of the body frame in the world frame.
+    /// Which of the vehicle's pose sensors it comes from, from 0.
+    #[serde(default)]
+    pub sensor: u8,
+    /// The measured pose, in the world frame, of the body frame; or of the sensor's own frame if
+    /// the estimator is told where in the body the sensor is.
     pub world_from_body: Pose,
 }
 

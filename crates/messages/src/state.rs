@@ -56,6 +56,48 @@ pub enum EstimateHealth {
     Failed,
 }
 
+/// Parts of the state that the present measurements say nothing about: they drift, or stay what they
+/// were when something last said so.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Unobserved {
+    /// Position along x and y.
+    pub horizontal_position: bool,
+    /// Position along z.
+    pub height: bool,
+    /// Velocity.
+    pub velocity: bool,
+    /// Heading.
+    pub yaw: bool,
+    /// The accelerometer's bias along the level axes of the body: a vehicle that hovers cannot tell
+    /// it from a tilt.
+    pub level_accelerometer_bias: bool,
+}
+
+impl Unobserved {
+    /// Everything.
+    pub const ALL: Self = Self {
+        horizontal_position: true,
+        height: true,
+        velocity: true,
+        yaw: true,
+        level_accelerometer_bias: true,
+    };
+
+    /// Words for tables and JSON.
+    pub fn names(self) -> impl Iterator<Item = &'static str> {
+        let parts = [
+            (self.horizontal_position, "horizontal_position"),
+            (self.height, "height"),
+            (self.velocity, "velocity"),
+            (self.yaw, "yaw"),
+            (self.level_accelerometer_bias, "level_accelerometer_bias"),
+        ];
+        parts
+            .into_iter()
+            .filter_map(|(unobserved, name)| unobserved.then_some(name))
+    }
+}
+
 /// Position, velocity and attitude of the vehicle, with their covariance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NavState {
@@ -90,6 +132,19 @@ impl NavState {
     /// Standard deviation of three entries of the error state from `row` on.
     pub fn sigma(&self, row: usize) -> Vector3<f64> {
         Vector3::from_fn(|i, _| self.covariance[(row + i, row + i)].max(0.0).sqrt())
+    }
+
+    /// Whether the bias of the accelerometer along a level axis of the body is tied to the tilt by
+    /// a correlation beyond `limit` (0 to 1), as it is while hovering: an error of both that leaves
+    /// the measured specific force as it is cannot be seen.
+    pub fn bias_is_tied_to_tilt(&self, limit: f64) -> bool {
+        use error_index::{ACCELEROMETER_BIAS, ORIENTATION};
+        let p = &self.covariance;
+        let tied = |bias: usize, tilt: usize| {
+            let variances = p[(bias, bias)] * p[(tilt, tilt)];
+            p[(bias, tilt)].powi(2) > limit * limit * variances
+        };
+        tied(ACCELEROMETER_BIAS, ORIENTATION + 1) || tied(ACCELEROMETER_BIAS + 1, ORIENTATION)
     }
 
     /// Whether every number in the state itself is finite.

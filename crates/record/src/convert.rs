@@ -155,12 +155,15 @@ impl Recorded for PoseSample {
         schema::PoseSample {
             time_ns: self.time.as_ns(),
             world_from_body: pose_to(&self.world_from_body),
+            sensor: (self.sensor != 0).then_some(u32::from(self.sensor)),
         }
     }
 
     fn from_message(message: &schema::PoseSample) -> Result<Self, Mismatch> {
         Ok(Self {
             time: time(message.time_ns),
+            sensor: u8::try_from(message.sensor.unwrap_or(0))
+                .map_err(|_| Mismatch::TooLarge("sensor"))?,
             world_from_body: pose_from(&message.world_from_body),
         })
     }

@@ -61,6 +61,7 @@ fn read_pose(line: &Line, clock: &mut Clock) -> Result<PoseSample, RecordError> 
     let rotation = line.rotation([qw, qx, qy, qz])?;
     Ok(PoseSample {
         time: Timestamp::from_ns(time_ns),
+        sensor: 0,
         world_from_body: Pose::from_parts(Translation3::new(x, y, z), rotation),
     })
 }
@@ -160,6 +161,7 @@ mod tests {
                 let rotation = so3::exp(&Vector3::new(0.01 * s, 1.0 / (s + 3.0), -0.02 * s));
                 PoseSample {
                     time: Timestamp::from_ns(1_403_715_273_262_142_976 + i64::from(i) * 12_345_679),
+                    sensor: 0,
                     world_from_body: Pose::from_parts(
                         Translation3::new(s / 3.0, -0.0, 1e-12 * s),
                         rotation,

@@ -142,6 +142,7 @@ fn write(folder: &Path, estimation: &Estimation) -> Result<Vec<PathBuf>, RunErro
         .iter()
         .map(|s| PoseSample {
             time: s.time,
+            sensor: 0,
             world_from_body: s.world_from_body,
         })
         .collect();

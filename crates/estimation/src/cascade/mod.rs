@@ -13,7 +13,7 @@ pub use config::{CascadeConfig, Ranger};
 use alula_geometry::{Pose, TimeDelta, Timestamp, so3};
 use alula_messages::{
     EstimateHealth, FlightMode, FlightPhase, FlowSample, Fusion, ImuSample, NavState, RangeSample,
-    Rejection, Sensor, SensorBatch,
+    Rejection, Sensor, SensorBatch, Unobserved,
 };
 use alula_parameters::{ParameterError, Parameters};
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
@@ -488,5 +488,21 @@ impl Estimator for Cascade {
 
     fn fusions(&self) -> &[Fusion] {
         &self.fusions
+    }
+
+    fn unobserved(&self) -> Unobserved {
+        let (Some(latest), true) = (self.past.latest(), self.running) else {
+            return Unobserved::ALL;
+        };
+        let limit_s = self.config.degraded_after_s;
+        let landed = self.phase == FlightPhase::Landed;
+        Unobserved {
+            horizontal_position: !landed,
+            height: self.range_watch.silent_s(latest.time) > limit_s,
+            velocity: self.flow_watch.silent_s(latest.time) > limit_s,
+            yaw: !landed,
+            // On the ground it is tied to the tilt, in flight it is frozen.
+            level_accelerometer_bias: true,
+        }
     }
 }

@@ -9,7 +9,7 @@ pub use config::{FlowCalibration, FlowOdometryConfig, GroundConfig, SensorSet, S
 use alula_geometry::{TimeDelta, Timestamp};
 use alula_messages::{
     EstimateHealth, FlightMode, FlightPhase, FlowSample, Fusion, NavState, Sensor, SensorBatch,
-    error_index,
+    Unobserved, error_index,
 };
 use alula_parameters::{ParameterError, Parameters};
 use nalgebra::Vector3;
@@ -17,6 +17,7 @@ use nalgebra::Vector3;
 use crate::Estimator;
 use crate::alignment::Alignment;
 use crate::eskf::{ErrorVector, Nominal};
+use crate::estimator::TIED;
 use crate::imu::Contact;
 use crate::inertial_core::InertialCore;
 use crate::measurement::Measurement;
@@ -227,6 +228,21 @@ impl Estimator for FlowOdometry {
 
     fn fusions(&self) -> &[Fusion] {
         self.core.fusions()
+    }
+
+    fn unobserved(&self) -> Unobserved {
+        let (Some(now), true) = (self.core.latest_time(), self.core.is_running()) else {
+            return Unobserved::ALL;
+        };
+        let limit_s = self.config.degraded_after_s;
+        let landed = self.phase == FlightPhase::Landed;
+        Unobserved {
+            horizontal_position: !landed,
+            height: self.range_watch.silent_s(now) > limit_s,
+            velocity: self.flow_watch.silent_s(now) > limit_s,
+            yaw: !landed,
+            level_accelerometer_bias: self.core.state().bias_is_tied_to_tilt(TIED),
+        }
     }
 }
 

@@ -128,6 +128,7 @@ pub fn batch(n: &mut Numbers, now: Timestamp) -> SensorBatch {
         infrared: n.some(range),
         poses: n.some(|n| PoseSample {
             time: n.time(),
+            sensor: n.below(3) as u8,
             world_from_body: n.pose(),
         }),
         depth: n.some(|n| {

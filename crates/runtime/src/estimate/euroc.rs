@@ -118,6 +118,7 @@ fn pose_feed(job: &Job, imu: &[ImuSample], truth: &[TruthSample]) -> Feed {
         .iter()
         .map(|t| PoseSample {
             time: t.time,
+            sensor: 0,
             world_from_body: t.world_from_imu,
         })
         .collect();

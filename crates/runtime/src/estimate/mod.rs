@@ -70,6 +70,7 @@ impl TrueMotion {
     pub fn pose_sample(&self) -> PoseSample {
         PoseSample {
             time: self.time,
+            sensor: 0,
             world_from_body: self.world_from_body,
         }
     }
@@ -103,6 +104,8 @@ pub struct EstimationReport {
     /// Measurements that were rejected, by reason. Those of the phase are not trusted near the
     /// ground.
     pub rejected: BTreeMap<&'static str, usize>,
+    /// Parts of the state that nothing observed at the end.
+    pub unobserved: Vec<&'static str>,
     /// Greatest step of the estimated position beyond what its velocity explains, m.
     pub max_jump_m: f64,
     /// Errors against the truth, where it is known.
@@ -243,6 +246,7 @@ impl Run {
             completed_fraction: self.usable_steps as f64 / self.steps.max(1) as f64,
             measurements: self.fusions,
             rejected: self.rejected,
+            unobserved: self.estimator.unobserved().names().collect(),
             max_jump_m: self.max_jump_m,
             errors,
             timing_ms: self

@@ -58,6 +58,7 @@ impl MotionCapture {
             let time = self.channel.due();
             let sample = PoseSample {
                 time,
+                sensor: 0,
                 world_from_body: self.measured(&step.pose_at(time)),
             };
             if self.noise.happens(self.model.loss_probability) {
