@@ -21,7 +21,7 @@ use super::{Outcome, Verdict, print_json};
 pub struct Arguments {
     /// EuRoC folder or .mcap recording.
     log: PathBuf,
-    /// Estimator: flow-odometry or pose-imu.
+    /// Estimator: flow-odometry, cascade or pose-imu.
     #[arg(long, value_name = "NAME")]
     estimator: Option<String>,
     /// True trajectory (TUM), in place of the log's own.
