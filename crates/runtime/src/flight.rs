@@ -122,6 +122,8 @@ pub struct Flight {
 pub struct Progress<'a> {
     /// Simulated time, s.
     pub t_s: f64,
+    /// What the sensors delivered in this step.
+    pub batch: &'a SensorBatch,
     /// The last output of the stack.
     pub output: &'a StackOutput,
     /// The true velocity, world, m/s.
@@ -212,6 +214,7 @@ impl<'a> Run<'a> {
             self.step()?;
             watch(&Progress {
                 t_s: self.batch.now.as_s(),
+                batch: &self.batch,
                 output: self.stack.output(),
                 velocity_world: self.vehicle.truth().velocity_world,
                 world_from_body: self.vehicle.truth().world_from_body,

@@ -3,10 +3,13 @@
 //! A study is a function from a [`Request`] to [`Results`]: rows of figures, what is demanded of
 //! them, and charts as plain data. It draws and prints nothing.
 
+mod bias_observability;
 mod chance_constraint;
 mod chart;
+mod delayed_poses;
 mod obstacle_tracking;
 mod results;
+mod velocity;
 
 use std::env;
 use std::num::NonZeroUsize;
@@ -22,7 +25,13 @@ use crate::campaign::pool;
 const DATA_VARIABLE: &str = "ALULA_DATA";
 
 /// All studies, in the order of the documents.
-const STUDIES: &[Study] = &[obstacle_tracking::STUDY, chance_constraint::STUDY];
+const STUDIES: &[Study] = &[
+    delayed_poses::STUDY,
+    velocity::STUDY,
+    bias_observability::STUDY,
+    obstacle_tracking::STUDY,
+    chance_constraint::STUDY,
+];
 
 /// Something that a source document measured and that can be measured here.
 #[derive(Debug)]
