@@ -7,6 +7,7 @@ mod bias_observability;
 mod chance_constraint;
 mod chart;
 mod delayed_poses;
+mod depth_office;
 mod obstacle_tracking;
 mod results;
 mod velocity;
@@ -29,6 +30,7 @@ const STUDIES: &[Study] = &[
     delayed_poses::STUDY,
     velocity::STUDY,
     bias_observability::STUDY,
+    depth_office::STUDY,
     obstacle_tracking::STUDY,
     chance_constraint::STUDY,
 ];
