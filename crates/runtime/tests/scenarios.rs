@@ -14,8 +14,9 @@ use alula_runtime::flight::Outcome;
 use support::flown;
 
 /// Scenarios with a vehicle that carries a depth camera among obstacles.
-const NAMES: [&str; 6] = [
+const NAMES: [&str; 7] = [
     "among-people",
+    "watch-people",
     "lab-pillars",
     "lab-people",
     "corridor",

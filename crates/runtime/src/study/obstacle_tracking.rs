@@ -33,6 +33,13 @@ const ASKED: [f64; 2] = [0.13, 0.22];
 /// A person in view without a track nearer than this counts as not followed, m.
 const SAME_M: f64 = 1.0;
 
+/// A person whose velocity was another one this long ago turns, s and m/s.
+const TURN_S: f64 = 0.3;
+const TURN_M_S: f64 = 0.1;
+
+/// A track is young for this long, s.
+const YOUNG_S: f64 = 0.5;
+
 /// True poses that are remembered until the image of their time has been looked at.
 const POSES: usize = 100;
 
@@ -49,7 +56,16 @@ struct Look {
     distance_m: f64,
     /// What the track says, if there is one.
     track: Option<TrackErrors>,
+    /// Where the person is, world, m.
     truth: (f64, f64),
+    /// Whether the person turns.
+    turns: bool,
+}
+
+impl Look {
+    fn is_young(&self) -> bool {
+        self.track.is_some_and(|track| track.age_s < YOUNG_S)
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -136,6 +152,7 @@ impl Observer<'_> {
                 distance_m: apart.xy().norm(),
                 track: errors,
                 truth: (person.centre_world.x, person.centre_world.y),
+                turns: self.turns(person, time),
             });
         }
     }
@@ -153,6 +170,15 @@ impl Observer<'_> {
             }
         });
         Some(nearest.1)
+    }
+
+    /// Whether the velocity of a person changed a moment ago.
+    fn turns(&self, person: &PersonState, time: Timestamp) -> bool {
+        let before = Timestamp::from_s(time.as_s() - TURN_S);
+        let mut people = self.world.people_at(before);
+        people.any(|p| {
+            p.id == person.id && (p.velocity_world - person.velocity_world).norm() > TURN_M_S
+        })
     }
 
     fn errors(&self, person: &PersonState, track: &Obstacle, time: Timestamp) -> TrackErrors {
@@ -244,6 +270,15 @@ fn results(seeds: &[u64], flights: &[Vec<Look>]) -> Results {
             .theirs("position_error_m", THEIRS[0])
             .theirs("velocity_error_m_s", THEIRS[1]),
     ];
+    let looks = || flights.iter().flatten();
+    let young = looks().filter(|look| look.is_young());
+    let turning = looks().filter(|look| look.turns && !look.is_young());
+    let straight = looks().filter(|look| !look.turns && !look.is_young());
+    rows.extend([
+        Errors::of(young).row("young tracks", None),
+        Errors::of(turning).row("people who turn", None),
+        Errors::of(straight).row("straight on", None),
+    ]);
     let spread = |name: &str, pick: fn(&Distribution) -> f64| {
         let of = |error: fn(&Errors) -> f64| {
             let values: Vec<f64> = each.iter().map(error).collect();
@@ -276,6 +311,10 @@ fn results(seeds: &[u64], flights: &[Vec<Look>]) -> Results {
              looks from the first at a track on; they contain the error of the vehicle's own \
              odometry."
                 .to_owned(),
+            format!(
+                "Young tracks are those of the first {YOUNG_S} s; people turn if their velocity was \
+                 another one {TURN_S} s ago. The other rows of this kind are of tracks that are older."
+            ),
             format!(
                 "Followed is the share of looks at which there is a track within {SAME_M} m of the \
                  person."
