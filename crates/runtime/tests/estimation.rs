@@ -10,10 +10,14 @@ mod support;
 use std::env;
 use std::path::{Path, PathBuf};
 
+use alula_estimation::eskf::{Truncation, Variant};
+use alula_messages::error_index::GYROSCOPE_BIAS;
 use alula_messages::{EstimateHealth, NavState};
+use alula_record::euroc::Folder;
 use alula_record::{Event, Recording};
 use alula_runtime::RunError;
 use alula_runtime::estimate::{Estimation, Job, PoseFeed, estimate};
+use nalgebra::Vector3;
 use support::{SHORT, first_flight, recorded};
 
 fn job(log: &Path, estimator: &str) -> Job {
@@ -97,6 +101,68 @@ fn flow_odometry_completes_a_real_flight_and_says_what_was_made_from_the_truth()
         notes.contains("flow and range were made from the truth"),
         "{notes}"
     );
+}
+
+/// The estimated bias of the gyroscope at the end less the true one, in standard deviations.
+fn final_gyroscope_bias_in_sigmas(log: &Path, estimation: &Estimation) -> Vector3<f64> {
+    let truth = Folder::open(log).unwrap().truth().unwrap().samples;
+    let imu_from_body =
+        truth[0].world_from_imu.rotation.inverse() * estimation.truth[0].world_from_body.rotation;
+    let bias = imu_from_body.inverse() * truth.last().unwrap().gyroscope_bias;
+    let state = estimation.states.last().unwrap();
+    (state.gyroscope_bias - bias).component_div(&state.sigma(GYROSCOPE_BIAS))
+}
+
+fn check_on_a_real_flight(log: &Path, variant: Variant, sensors: &str) {
+    let text = |value: serde_json::Value| value.as_str().unwrap().to_owned();
+    let key = "parameters.flow_odometry";
+    let mut job = job(log, "flow-odometry");
+    job.overrides = vec![
+        format!("{key}.sensors=\"{sensors}\""),
+        format!(
+            "{key}.variant.filter=\"{}\"",
+            text(serde_json::to_value(variant.filter).unwrap())
+        ),
+        format!(
+            "{key}.variant.integration=\"{}\"",
+            text(serde_json::to_value(variant.integration).unwrap())
+        ),
+        format!(
+            "{key}.variant.transition=\"{}\"",
+            text(serde_json::to_value(variant.transition).unwrap())
+        ),
+    ];
+    let estimation = estimate(&job).unwrap();
+    let errors = estimation.report.errors.unwrap();
+    let bias = final_gyroscope_bias_in_sigmas(log, &estimation);
+    println!(
+        "{variant:16} {sensors}: NEES velocity {:.2}, tilt {:.2}; bias off by {:.1} {:.1} {:.1} sigma; \
+         ATE {:.3} m, velocity {:.3} m/s",
+        errors.nees_velocity.unwrap(),
+        errors.nees_tilt.unwrap(),
+        bias.x,
+        bias.y,
+        bias.z,
+        errors.ate_rmse_m,
+        errors.velocity_rmse_m_s.unwrap(),
+    );
+    assert!(estimation.report.completed_fraction >= 0.95, "{variant}");
+    assert!(bias.amax() <= 3.0, "{variant} {sensors}: {bias}");
+    // Well below the 0.5 m/s of the flight.
+    assert!(errors.velocity_rmse_m_s.unwrap() < 0.1, "{variant}");
+}
+
+/// Acceptance: the whole flight, and biases of the gyroscope within three standard deviations.
+#[test]
+fn every_variant_completes_a_real_flight_and_finds_the_bias_of_the_gyroscope() {
+    let Some(log) = real_flight() else { return };
+    for variant in Variant::all() {
+        check_on_a_real_flight(&log, variant, "flow-and-infrared");
+    }
+    // The sensors meet the kinds of filter; integration and transition are those of above.
+    for variant in Variant::all().filter(|v| v.transition == Truncation::F3) {
+        check_on_a_real_flight(&log, variant, "velocity-and-sonar");
+    }
 }
 
 fn is_usable(state: &NavState) -> bool {

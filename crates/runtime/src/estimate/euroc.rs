@@ -33,6 +33,10 @@ const RANGE_SIGMA_M: f64 = 0.02;
 /// Reach of the ranger made from truth, m.
 const RANGE_LIMITS_M: [f64; 2] = [0.05, 14.0];
 
+/// Noise and reach of the sonar made from truth, m (document S, table 2.3 and section 2.10.2).
+const SONAR_SIGMA_M: f64 = 0.05;
+const SONAR_LIMITS_M: [f64; 2] = [0.3, 5.0];
+
 /// True speed from which the vehicle counts as moving, m/s.
 const MOVING_M_S: f64 = 0.03;
 
@@ -300,6 +304,8 @@ struct Imagined {
     body_from_camera: Pose,
     floor_m: f64,
     random: Pcg64,
+    /// The sonar draws its own noise, so that the others do not depend on it.
+    sonar_random: Pcg64,
 }
 
 impl Imagined {
@@ -308,6 +314,7 @@ impl Imagined {
             body_from_camera: calibration.flow_camera.body_from_sensor(),
             floor_m,
             random: Pcg64::seed_from_u64(seed),
+            sonar_random: Pcg64::seed_from_u64(!seed),
         }
     }
 
@@ -318,6 +325,7 @@ impl Imagined {
             while let Some(pair) = waiting.next_if(|pair| pair[1].time <= batch.now) {
                 batch.flow.extend(self.flow(&pair[0], &pair[1]));
                 batch.infrared.push(self.range(&pair[1]));
+                batch.sonar.push(self.sonar(&pair[1]));
             }
         }
     }
@@ -362,6 +370,19 @@ impl Imagined {
         RangeSample {
             time: truth.time,
             range_m: range_m + RANGE_SIGMA_M * self.normal(),
+            min_m,
+            max_m,
+        }
+    }
+
+    /// Height of the flow camera, whose sonar it is.
+    fn sonar(&mut self, truth: &TrueMotion) -> RangeSample {
+        let [min_m, max_m] = SONAR_LIMITS_M;
+        let sonar = truth.world_from_body * self.body_from_camera;
+        let drawn: f64 = StandardNormal.sample(&mut self.sonar_random);
+        RangeSample {
+            time: truth.time,
+            range_m: sonar.translation.z - self.floor_m + SONAR_SIGMA_M * drawn,
             min_m,
             max_m,
         }
