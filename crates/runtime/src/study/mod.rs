@@ -3,12 +3,15 @@
 //! A study is a function from a [`Request`] to [`Results`]: rows of figures, what is demanded of
 //! them, and charts as plain data. It draws and prints nothing.
 
+mod anees;
 mod bias_observability;
 mod chance_constraint;
 mod chart;
 mod delayed_poses;
 mod depth_office;
 mod obstacle_tracking;
+mod odometry;
+mod odometry_variants;
 mod results;
 mod velocity;
 
@@ -29,7 +32,9 @@ const DATA_VARIABLE: &str = "ALULA_DATA";
 const STUDIES: &[Study] = &[
     delayed_poses::STUDY,
     velocity::STUDY,
+    odometry_variants::STUDY,
     bias_observability::STUDY,
+    anees::STUDY,
     depth_office::STUDY,
     obstacle_tracking::STUDY,
     chance_constraint::STUDY,
