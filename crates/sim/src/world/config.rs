@@ -152,6 +152,9 @@ parameters! {
         pub waypoints_m: Vec<[f64; 2]> = Vec::new(), within(-FAR_M, FAR_M);
         /// Walking speed, m/s.
         pub speed_m_s: f64 = 1.2, within(0.0, 10.0);
+        /// Radius of the arcs in which the person turns at waypoints, m. Nobody who walks turns on the
+        /// spot: 0.4 m at 1.2 m/s takes 3.6 m/s^2.
+        pub turn_radius_m: f64 = 0.0, within(0.0, 100.0);
         /// How long the person has been walking at the start of the simulation, s.
         pub start_s: f64 = 0.0, finite();
         /// Added to `start_s`: a time drawn from 0 to this for every seed and person.

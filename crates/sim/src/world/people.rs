@@ -1,7 +1,7 @@
 //! People: ellipsoids that move as a pure function of time.
 
 use alula_geometry::{Pose, Timestamp};
-use nalgebra::{Point3, Translation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Point3, Rotation2, Translation3, UnitQuaternion, Vector2, Vector3};
 
 use super::config::PersonConfig;
 use super::tracks::Track;
@@ -122,11 +122,12 @@ impl Loop {
                 "give at least one waypoint",
             ));
         };
-        let mut corners = vec![(0.0, Vector2::from(first))];
+        let line = rounded(waypoints, config.turn_radius_m);
+        let first = line.first().copied().unwrap_or(Vector2::from(first));
+        let mut corners = vec![(0.0, first)];
         let mut length_m = 0.0;
-        let mut here = Vector2::from(first);
-        for &next in waypoints[1..].iter().chain([&first]) {
-            let next = Vector2::from(next);
+        let mut here = first;
+        for &next in line[1..].iter().chain([&first]) {
             length_m += (next - here).norm();
             if next != here {
                 corners.push((length_m, next));
@@ -171,18 +172,100 @@ impl Loop {
     }
 }
 
+/// Straight pieces in which a turn is walked.
+const TURN_PIECES: u32 = 8;
+
+/// A closed line through waypoints whose corners are arcs of this radius, m, or of the greatest that
+/// leaves half of both edges. Turns back on the spot stay.
+fn rounded(waypoints: &[[f64; 2]], radius_m: f64) -> Vec<Vector2<f64>> {
+    let corners: Vec<Vector2<f64>> = waypoints.iter().map(|p| Vector2::from(*p)).collect();
+    let count = corners.len();
+    let mut line = Vec::new();
+    for (i, corner) in corners.iter().enumerate() {
+        let before = corner - corners[(i + count - 1) % count];
+        let after = corners[(i + 1) % count] - corner;
+        let turn = before.perp(&after).atan2(before.dot(&after));
+        let tangent = (0.5 * turn.abs()).tan();
+        if radius_m <= 0.0 || !(1e-6..=1e3).contains(&tangent) {
+            line.push(*corner);
+            continue;
+        }
+        let cut_m = (radius_m * tangent).min(0.5 * before.norm().min(after.norm()));
+        let begin = corner - before.normalize() * cut_m;
+        let left = Vector2::new(-before.y, before.x).normalize();
+        let centre = begin + left * (cut_m / tangent * turn.signum());
+        for piece in 0..=TURN_PIECES {
+            let part = f64::from(piece) / f64::from(TURN_PIECES);
+            line.push(centre + Rotation2::new(turn * part) * (begin - centre));
+        }
+    }
+    line
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn square(speed_m_s: f64, start_s: f64) -> Loop {
+    #[test]
+    fn corners_are_walked_as_arcs() {
         let config = PersonConfig {
+            turn_radius_m: 0.5,
+            ..square_config(1.0, 0.0)
+        };
+        let path = Loop::new(&config, "").unwrap();
+        let centre = Vector2::new(3.5, 0.5);
+        for i in 0..=60 {
+            let t = 3.0 + f64::from(i) * 0.01;
+            let place = path.at(t).place;
+            if place.x > 3.5 && place.y < 0.5 {
+                let reach = (place - centre).norm();
+                // A chord of an eighth of a quarter turn is 2.4 mm inside its arc.
+                assert!((0.4975..=0.5 + 1e-9).contains(&reach), "{reach} at {t}");
+            }
+        }
+        // Four quarter arcs in place of the corners, each of eight chords.
+        let arcs_m = 32.0 * 2.0 * 0.5 * (std::f64::consts::PI / 32.0).sin();
+        assert!((path.length_m - (12.0 - 8.0 * 0.5 + arcs_m)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_turn_leaves_half_of_a_short_edge() {
+        let config = PersonConfig {
+            turn_radius_m: 5.0,
+            ..square_config(1.0, 0.0)
+        };
+        let path = Loop::new(&config, "").unwrap();
+        for i in 0..120 {
+            let place = path.at(0.1 * f64::from(i)).place;
+            // The arcs reach the edges, to rounding.
+            let within = |x: f64, end: f64| (-1e-9..=end + 1e-9).contains(&x);
+            assert!(within(place.x, 4.0) && within(place.y, 2.0), "{place}");
+        }
+    }
+
+    #[test]
+    fn who_turns_back_does_so_on_the_spot() {
+        let config = PersonConfig {
+            waypoints_m: vec![[0.0, 0.0], [4.0, 0.0]],
+            speed_m_s: 1.0,
+            turn_radius_m: 0.5,
+            ..PersonConfig::default()
+        };
+        let path = Loop::new(&config, "").unwrap();
+        assert!((path.at(4.0).place - Vector2::new(4.0, 0.0)).norm() < 1e-12);
+    }
+
+    fn square_config(speed_m_s: f64, start_s: f64) -> PersonConfig {
+        PersonConfig {
             waypoints_m: vec![[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [0.0, 2.0]],
             speed_m_s,
             start_s,
             ..PersonConfig::default()
-        };
-        Loop::new(&config, "world.people[0]").unwrap()
+        }
+    }
+
+    fn square(speed_m_s: f64, start_s: f64) -> Loop {
+        Loop::new(&square_config(speed_m_s, start_s), "world.people[0]").unwrap()
     }
 
     #[test]
