@@ -205,7 +205,7 @@ fn results(looks: &[Look]) -> Results {
         columns: columns(),
         rows,
         demands: vec![
-            Demand::at_most("time of an image, median", "ms", MEDIAN_MS, all.best.p50),
+            Demand::at_most("time of an image, median", "ms", MEDIAN_MS, all.time.p50),
             Demand::at_least(
                 "share of whole boxes found again in the next image",
                 "",
