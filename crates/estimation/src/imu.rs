@@ -96,11 +96,6 @@ impl ImuMonitor {
         *self = Self::new(self.limits.clone());
     }
 
-    /// Factor on the noise of samples that are not plainly good.
-    pub fn bridge_noise_factor(&self) -> f64 {
-        self.limits.bridge_noise_factor
-    }
-
     /// The last good sample.
     pub fn last_good(&self) -> Option<&ImuSample> {
         self.last_good.as_ref()
@@ -112,6 +107,22 @@ impl ImuMonitor {
             .last_good
             .is_some_and(|good| now.seconds_since(good.time) > self.limits.max_gap_s);
         silent || self.backwards >= BACKWARD_SAMPLES
+    }
+
+    /// Judges the next sample: the one to use, if any, with the factor on its noise, and why it is
+    /// not the one that came.
+    pub fn admit(
+        &mut self,
+        sample: &ImuSample,
+        contact: Contact,
+    ) -> (Option<(ImuSample, f64)>, Option<Rejection>) {
+        let bridged = self.limits.bridge_noise_factor;
+        match self.judge(sample, contact) {
+            ImuVerdict::Good(sample) => (Some((sample, 1.0)), None),
+            ImuVerdict::AfterGap(sample) => (Some((sample, bridged)), None),
+            ImuVerdict::Bridged(invented, reason) => (Some((invented, bridged)), Some(reason)),
+            ImuVerdict::Rejected(reason) => (None, Some(reason)),
+        }
     }
 
     /// Judges the next sample.

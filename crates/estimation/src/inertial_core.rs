@@ -9,18 +9,18 @@ use nalgebra::{Translation3, Vector3};
 
 use crate::eskf::{Filter, ImuNoise, InertialInput, Nominal};
 use crate::history::History;
-use crate::imu::{Contact, ImuLimits, ImuMonitor, ImuVerdict};
+use crate::imu::{Contact, ImuLimits, ImuMonitor};
 use crate::measurement::{Gates, Measurement, rejected};
 
 /// Measurements that can wait for inertial data.
 const WAITING_CAPACITY: usize = 256;
 
 /// Fusions of one update; more than fit into any batch of a real vehicle.
-const FUSIONS_CAPACITY: usize = 1024;
+pub(crate) const FUSIONS_CAPACITY: usize = 1024;
 
 /// Greatest standard deviation of the velocity on an axis, m/s: with more, the estimate cannot
 /// stop a small vehicle in a room.
-const MAX_VELOCITY_SIGMA_M_S: f64 = 5.0;
+pub(crate) const MAX_VELOCITY_SIGMA_M_S: f64 = 5.0;
 
 #[derive(Clone, Copy, Debug)]
 struct Waiting {
@@ -81,18 +81,11 @@ impl InertialCore {
         if self.running && self.monitor.is_lost(sample.time) {
             self.fail();
         }
-        match self.monitor.judge(sample, contact) {
-            ImuVerdict::Good(sample) => Some((sample, 1.0)),
-            ImuVerdict::AfterGap(sample) => Some((sample, self.monitor.bridge_noise_factor())),
-            ImuVerdict::Bridged(bridged, reason) => {
-                self.reject(sample.time, Sensor::Imu, reason);
-                Some((bridged, self.monitor.bridge_noise_factor()))
-            }
-            ImuVerdict::Rejected(reason) => {
-                self.reject(sample.time, Sensor::Imu, reason);
-                None
-            }
+        let (admitted, reason) = self.monitor.admit(sample, contact);
+        if let Some(reason) = reason {
+            self.reject(sample.time, Sensor::Imu, reason);
         }
+        admitted
     }
 
     /// Starts a filter that is valid at the time of `sample`.

@@ -1,7 +1,7 @@
 //! Watching over one source of measurements.
 
 use alula_geometry::Timestamp;
-use alula_messages::{Fusion, Rejection};
+use alula_messages::{EstimateHealth, Fusion, Rejection};
 
 /// When a source was last accepted, and since when the gate has refused it.
 #[derive(Clone, Copy, Debug, Default)]
@@ -44,6 +44,21 @@ impl Watch {
             self.refused_since = None;
         }
         refused
+    }
+}
+
+/// Health of an estimate whose velocity and height have these sources, either of which may be silent
+/// for `limit_s`.
+pub fn health(velocity: &Watch, height: &Watch, now: Timestamp, limit_s: f64) -> EstimateHealth {
+    let since_velocity_s = velocity.silent_s(now);
+    let since_height_s = height.silent_s(now);
+    if since_velocity_s.max(since_height_s) > limit_s {
+        EstimateHealth::Degraded {
+            since_velocity_s,
+            since_height_s,
+        }
+    } else {
+        EstimateHealth::Good
     }
 }
 

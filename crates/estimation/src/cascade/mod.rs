@@ -21,24 +21,18 @@ use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 use crate::alignment::Alignment;
 use crate::complementary::Complementary;
 use crate::flow_odometry::{is_on_ground, next_phase};
-use crate::imu::{Contact, ImuMonitor, ImuVerdict};
+use crate::imu::{Contact, ImuMonitor};
+use crate::inertial_core::{FUSIONS_CAPACITY, MAX_VELOCITY_SIGMA_M_S};
 use crate::measurement::{Gates, rejected};
-use crate::watch::{Repetition, Watch};
+use crate::watch::{Repetition, Watch, health};
 use crate::{Estimator, FlowCalibration};
 use kalman::{Biases, HEIGHT, Push, Seen, VELOCITY, VelocityFilter};
 use past::{Moment, Past};
 use publish::Drift;
 use sight::{FirstStage, Flow};
 
-/// Fusions of one update; more than fit into any batch of a real vehicle.
-const FUSIONS_CAPACITY: usize = 1024;
-
 /// Standard deviation of the velocity at the start, m/s.
 const START_VELOCITY_SIGMA_M_S: f64 = 0.01;
-
-/// Greatest standard deviation of the velocity on an axis, m/s: with more, the estimate cannot
-/// stop a small vehicle in a room.
-const MAX_VELOCITY_SIGMA_M_S: f64 = 5.0;
 
 /// Complementary attitude filter, then a linear Kalman filter for velocity and height.
 ///
@@ -145,19 +139,11 @@ impl Cascade {
 
     /// The sample to use, with the factor on its noise.
     fn judge(&mut self, sample: &ImuSample, contact: Contact) -> Option<(ImuSample, f64)> {
-        let bridged = self.monitor.bridge_noise_factor();
-        match self.monitor.judge(sample, contact) {
-            ImuVerdict::Good(sample) => Some((sample, 1.0)),
-            ImuVerdict::AfterGap(sample) => Some((sample, bridged)),
-            ImuVerdict::Bridged(invented, reason) => {
-                self.reject(sample.time, Sensor::Imu, reason);
-                Some((invented, bridged))
-            }
-            ImuVerdict::Rejected(reason) => {
-                self.reject(sample.time, Sensor::Imu, reason);
-                None
-            }
+        let (admitted, reason) = self.monitor.admit(sample, contact);
+        if let Some(reason) = reason {
+            self.reject(sample.time, Sensor::Imu, reason);
         }
+        admitted
     }
 
     fn align(&mut self, sample: &ImuSample) {
@@ -433,22 +419,13 @@ impl Cascade {
 
     fn health(&self) -> EstimateHealth {
         let now = self.past.latest().map_or(Timestamp::ZERO, |m| m.time);
-        let since_velocity_s = self.flow_watch.silent_s(now);
-        let since_height_s = self.range_watch.silent_s(now);
         let limit_s = match self.phase {
             FlightPhase::Landed | FlightPhase::Flying => self.config.degraded_after_s,
             FlightPhase::TakingOff | FlightPhase::Landing => {
                 self.config.degraded_after_near_ground_s
             }
         };
-        if since_velocity_s.max(since_height_s) > limit_s {
-            EstimateHealth::Degraded {
-                since_velocity_s,
-                since_height_s,
-            }
-        } else {
-            EstimateHealth::Good
-        }
+        health(&self.flow_watch, &self.range_watch, now, limit_s)
     }
 }
 

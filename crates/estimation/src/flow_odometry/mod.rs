@@ -21,7 +21,7 @@ use crate::estimator::TIED;
 use crate::imu::Contact;
 use crate::inertial_core::InertialCore;
 use crate::measurement::Measurement;
-use crate::watch::Watch;
+use crate::watch::{Watch, health};
 use downward::Downward;
 use ground::Standing;
 
@@ -183,22 +183,13 @@ impl FlowOdometry {
 
     fn health(&self) -> EstimateHealth {
         let now = self.core.latest_time().unwrap_or_default();
-        let since_velocity_s = self.flow_watch.silent_s(now);
-        let since_height_s = self.range_watch.silent_s(now);
         let limit_s = match self.phase {
             FlightPhase::Landed | FlightPhase::Flying => self.config.degraded_after_s,
             FlightPhase::TakingOff | FlightPhase::Landing => {
                 self.config.degraded_after_near_ground_s
             }
         };
-        if since_velocity_s.max(since_height_s) > limit_s {
-            EstimateHealth::Degraded {
-                since_velocity_s,
-                since_height_s,
-            }
-        } else {
-            EstimateHealth::Good
-        }
+        health(&self.flow_watch, &self.range_watch, now, limit_s)
     }
 }
 
