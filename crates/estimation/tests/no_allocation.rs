@@ -10,9 +10,14 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
 use alula_estimation::eskf::Variant;
-use alula_estimation::{Estimator, FlowOdometry, FlowOdometryConfig, SensorSet};
-use alula_messages::{FlightMode, SensorBatch};
-use support::{Flight, calibration, config};
+use alula_estimation::{
+    ESTIMATOR_NAMES, Estimator, EstimatorConfig, FlowOdometry, FlowOdometryConfig, SensorSet,
+    by_name,
+};
+use alula_geometry::{Pose, TimeDelta};
+use alula_messages::{FlightMode, PoseSample, SensorBatch};
+use nalgebra::Translation3;
+use support::{Flight, LEGS_LAND_S, calibration, config};
 
 thread_local! {
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
@@ -84,5 +89,38 @@ fn a_flight_allocates_nothing_whatever_the_variant_and_the_sensors() {
             };
             assert_eq!(allocations(&config, &batches), 0, "{variant} {sensors:?}");
         }
+    }
+}
+
+/// From the first sample to after the landing.
+#[test]
+fn no_estimator_allocates_after_construction() {
+    for name in ESTIMATOR_NAMES {
+        let mut flight = Flight::legs(1);
+        let config = EstimatorConfig::default();
+        let mut estimator = by_name(name, &config, Some(&calibration())).unwrap();
+        let mut batch = SensorBatch::default();
+        let mut allocations = 0;
+        for i in 1.. {
+            let t = flight.step(&mut batch);
+            if t > LEGS_LAND_S + 1.0 {
+                break;
+            }
+            let time = batch.now - TimeDelta::from_s(0.1);
+            if i % 25 == 0 && t > 0.2 {
+                let truth = flight.truth(time.as_s());
+                let place = Translation3::from(truth.position_world);
+                batch.poses.push(PoseSample {
+                    time,
+                    sensor: 0,
+                    world_from_body: Pose::from_parts(place, truth.world_from_body),
+                });
+            }
+            let mode = flight.mode(t);
+            let before = ALLOCATIONS.get();
+            estimator.update(&batch, mode);
+            allocations += ALLOCATIONS.get() - before;
+        }
+        assert_eq!(allocations, 0, "{name}");
     }
 }
