@@ -397,47 +397,37 @@ fn a_burst_of_inertial_outliers_is_data_lost() {
     bench.expect(Violation::ImuLost, Fallback::Descend, 0.1, 0.11);
 }
 
-#[test]
-fn a_landing_that_sees_nothing_becomes_a_descent() {
+/// A landing without range whose estimate nothing has corrected for this long, s.
+fn blind_landing(uncorrected_s: f64) -> Bench {
     let mut bench = Bench::hovering();
     bench.mode = FlightMode::Landing;
     bench.range = Range::Silent;
-    bench.spoil = Box::new(|state| {
+    bench.spoil = Box::new(move |state| {
         state.health = EstimateHealth::Degraded {
-            since_velocity_s: 0.5,
-            since_height_s: 0.5,
+            since_velocity_s: uncorrected_s,
+            since_height_s: uncorrected_s,
         };
     });
+    bench
+}
+
+#[test]
+fn a_landing_that_sees_nothing_becomes_a_descent() {
+    let mut bench = blind_landing(0.5);
     bench.expect(Violation::RangeLost, Fallback::Descend, 0.8, 1.0);
 }
 
 #[test]
 fn a_landing_that_the_ground_carries_is_left_to_end() {
-    let mut bench = Bench::hovering();
-    bench.mode = FlightMode::Landing;
-    bench.range = Range::Silent;
+    let mut bench = blind_landing(0.5);
     bench.requested = thrust(0.7 * HOVER_N);
-    bench.spoil = Box::new(|state| {
-        state.health = EstimateHealth::Degraded {
-            since_velocity_s: 0.5,
-            since_height_s: 0.5,
-        };
-    });
     bench.expect_nothing(3.0);
 }
 
 #[test]
 fn a_landing_that_the_ground_carries_and_that_does_not_end_is_taken_over() {
-    let mut bench = Bench::hovering();
-    bench.mode = FlightMode::Landing;
-    bench.range = Range::Silent;
+    let mut bench = blind_landing(2.0);
     bench.requested = thrust(0.7 * HOVER_N);
-    bench.spoil = Box::new(|state| {
-        state.health = EstimateHealth::Degraded {
-            since_velocity_s: 2.0,
-            since_height_s: 2.0,
-        };
-    });
     bench.expect(Violation::RangeLost, Fallback::Descend, 0.6, 1.0);
 }
 
