@@ -114,16 +114,14 @@ pub(super) struct Loop {
 impl Loop {
     /// The loop of a valid config.
     pub fn new(config: &PersonConfig, key: &str) -> Result<Self, WorldError> {
-        let waypoints = &config.waypoints_m;
-        let Some(&first) = waypoints.first() else {
+        let line = rounded(&config.waypoints_m, config.turn_radius_m);
+        let Some(&first) = line.first() else {
             return Err(WorldError::degenerate(
                 key,
                 "`waypoints_m` is empty",
                 "give at least one waypoint",
             ));
         };
-        let line = rounded(waypoints, config.turn_radius_m);
-        let first = line.first().copied().unwrap_or(Vector2::from(first));
         let mut corners = vec![(0.0, first)];
         let mut length_m = 0.0;
         let mut here = first;
@@ -134,7 +132,7 @@ impl Loop {
             }
             here = next;
         }
-        if waypoints.len() > 1 && length_m == 0.0 && config.speed_m_s > 0.0 {
+        if line.len() > 1 && length_m == 0.0 && config.speed_m_s > 0.0 {
             return Err(WorldError::degenerate(
                 key,
                 "all waypoints are the same place",
