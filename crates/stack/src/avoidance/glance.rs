@@ -95,7 +95,7 @@ impl Glance {
     }
 
     /// How urgent it is to look in a direction because nobody did for this long, s.
-    fn age_s(&self, sector: usize, now: Timestamp) -> f64 {
+    fn neglect_s(&self, sector: usize, now: Timestamp) -> f64 {
         let age_s = self.seen[sector].map_or(NEVER_S, |seen| now.seconds_since(seen));
         let beyond_s = (age_s.min(NEVER_S) - LONG_S).max(0.0);
         age_s.min(LONG_S) + LONG_SHARE * beyond_s
@@ -129,9 +129,9 @@ impl Glance {
         let walkers = walkers(state, known, conduct.walker_m_s);
         let urgency = |sector: usize| {
             let off = wrap_angle(bearing(sector) - course).abs();
-            let age_s = self.age_s(sector, now);
+            let neglect_s = self.neglect_s(sector, now);
             let ahead = if off < WAY_RAD { WAY_WEIGHT } else { 1.0 };
-            let place = if off < reach { ahead * age_s } else { 0.0 };
+            let place = if off < reach { ahead * neglect_s } else { 0.0 };
             walkers[sector].max(place)
         };
         let best = (0..SECTORS).max_by(|&a, &b| urgency(a).total_cmp(&urgency(b)));

@@ -411,7 +411,8 @@ impl Avoidance {
 
     fn look_where(&mut self, state: &NavState, target_world: &Vector3<f64>) -> YawTarget {
         let line = target_world.xy() - state.position_world().xy();
-        let way_rad = if line.norm() < KEEP_HEADING_M {
+        let is_there = line.norm() < KEEP_HEADING_M;
+        let way_rad = if is_there {
             so3::yaw_rad(&state.world_from_body.rotation)
         } else {
             line.y.atan2(line.x)
@@ -422,13 +423,13 @@ impl Avoidance {
         if let Some(heading_rad) = glance {
             return YawTarget::Towards(heading_rad);
         }
-        if line.norm() < KEEP_HEADING_M {
-            return YawTarget::Hold(so3::yaw_rad(&state.world_from_body.rotation));
+        if is_there {
+            return YawTarget::Hold(way_rad);
         }
         if state.velocity_world.xy().norm() > LOOK_AHEAD_M_S {
             return YawTarget::AlongMotion;
         }
-        YawTarget::Towards(line.y.atan2(line.x))
+        YawTarget::Towards(way_rad)
     }
 
     fn make_plan(
