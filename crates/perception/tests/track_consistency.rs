@@ -9,7 +9,7 @@ use alula_geometry::Timestamp;
 use alula_geometry::gaussian::chi_square_quantile;
 use alula_messages::{Cut, Detection, Footprint, Obstacle, PixelBox};
 use alula_perception::{Contour, Ray, RayEnd, Tracker, TrackerConfig};
-use nalgebra::{Matrix3, Vector2, Vector3, Vector4};
+use nalgebra::{Matrix3, Rotation2, Vector2, Vector3, Vector4};
 use proptest::prelude::*;
 use rand_pcg::Pcg64;
 use track_support::{RATE_HZ, normal, random, stamp};
@@ -38,28 +38,95 @@ fn model_only() -> TrackerConfig {
     let mut config = TrackerConfig::default();
     config.model.shape_noise_m = 0.0;
     config.model.size_noise_m_sqrt_s = 0.0;
-    config.model.turn_probability = 0.999_999_9;
+    config.model.turn_rate_deg_s = 0.0;
+    config.model.turn_acceleration_noise_m_s2_sqrt_hz =
+        config.model.steady_acceleration_noise_m_s2_sqrt_hz;
     config.motion.min_images = 1000;
     config.gate_probability = 0.999_999_9;
     config
 }
 
-/// Horizontal position and velocity of somebody who obeys `config`'s model with the acceleration
-/// noise `noise`, and the squared Mahalanobis error of the track after `images`.
-fn squared_error(config: &TrackerConfig, noise: f64, images: usize, seed: u64) -> f64 {
+/// How somebody's velocity turns: at a rate to either side, or not, after exponential times.
+struct Way {
+    rate_rad_s: f64,
+    noise: f64,
+}
+
+impl Way {
+    fn straight(noise: f64) -> Self {
+        Self {
+            rate_rad_s: 0.0,
+            noise,
+        }
+    }
+
+    fn drawn(&self, config: &TrackerConfig, random: &mut Pcg64) -> Self {
+        let model = &config.model;
+        let rate = model.turn_rate_deg_s.to_radians();
+        let is_straight = self.rate_rad_s == 0.0;
+        let mean_s = if is_straight {
+            model.straight_s
+        } else {
+            model.turn_s
+        };
+        let stays = random.random::<f64>() < (-1.0 / (RATE_HZ * mean_s)).exp();
+        let first = random.random::<bool>();
+        let rate_rad_s = match (stays, is_straight) {
+            (true, _) => self.rate_rad_s,
+            (false, true) => {
+                if first {
+                    rate
+                } else {
+                    -rate
+                }
+            }
+            (false, false) => {
+                if first {
+                    0.0
+                } else {
+                    -self.rate_rad_s
+                }
+            }
+        };
+        let noise = if rate_rad_s == 0.0 {
+            model.steady_acceleration_noise_m_s2_sqrt_hz
+        } else {
+            model.turn_acceleration_noise_m_s2_sqrt_hz
+        };
+        Self { rate_rad_s, noise }
+    }
+}
+
+/// Squared Mahalanobis error, of horizontal position and velocity, of the track of somebody who
+/// goes ways that `next` draws, after `images`.
+fn squared_error(
+    config: &TrackerConfig,
+    first: Way,
+    next: impl Fn(&Way, &mut Pcg64) -> Way,
+    images: usize,
+    seed: u64,
+) -> f64 {
     let mut tracker = Tracker::new(config).unwrap();
     let mut random = random(seed);
     let (size, dt) = (Vector3::new(0.5, 0.4, 1.8), 1.0 / RATE_HZ);
     let sigma = config.model.max_velocity_sigma_m_s;
+    let mut way = first;
     let mut place = Vector2::new(3.0, 0.0);
     let mut velocity = Vector2::from_fn(|_, _| sigma * normal(&mut random));
     for image in 0..images {
         if image > 0 {
+            way = next(&way, &mut random);
+            let turn = Rotation2::new(way.rate_rad_s * dt);
+            let before = velocity;
+            velocity = turn * velocity;
+            // The mean of both ends travels right to the third order of the angle.
+            place += (before + velocity) * (0.5 * dt);
+            let noise = way.noise;
             // Exact draw of white acceleration over one image: Cholesky of
             // q [dt^3/3, dt^2/2; dt^2/2, dt].
             for i in 0..2 {
                 let (a, b) = (normal(&mut random), normal(&mut random));
-                place[i] += velocity[i] * dt + noise * dt.powf(1.5) * (a / 2.0 + b / 12_f64.sqrt());
+                place[i] += noise * dt.powf(1.5) * (a / 2.0 + b / 12_f64.sqrt());
                 velocity[i] += noise * dt.sqrt() * a;
             }
         }
@@ -84,8 +151,9 @@ fn squared_error(config: &TrackerConfig, noise: f64, images: usize, seed: u64) -
 /// Sum over seeds and the band in which 99.9 % of such sums lie.
 fn sum_and_band(config: &TrackerConfig, noise: f64, images: usize) -> (f64, f64, f64) {
     let runs = 200;
+    let straight = |_: &Way, _: &mut Pcg64| Way::straight(noise);
     let sum = (0..runs)
-        .map(|seed| squared_error(config, noise, images, seed))
+        .map(|seed| squared_error(config, Way::straight(noise), straight, images, seed))
         .sum();
     let quantile = |p: f64| chi_square_quantile(p, 4 * runs as u32);
     (sum, quantile(0.0005), quantile(0.9995))
@@ -109,6 +177,26 @@ fn errors_at_constant_velocity_are_not_larger_than_the_covariance_says() {
     for images in [5, 20, 60] {
         let (sum, _, high) = sum_and_band(&model_only(), 0.0, images);
         assert!(sum < high, "{images} images: {sum} above {high}");
+    }
+}
+
+/// The three filters are not exactly right together: they keep three of the many pasts.
+#[test]
+fn errors_of_those_who_turn_are_as_large_as_the_covariance_says() {
+    let mut config = model_only();
+    let defaults = TrackerConfig::default().model;
+    config.model.turn_rate_deg_s = defaults.turn_rate_deg_s;
+    config.model.turn_acceleration_noise_m_s2_sqrt_hz =
+        defaults.turn_acceleration_noise_m_s2_sqrt_hz;
+    let noise = config.model.steady_acceleration_noise_m_s2_sqrt_hz;
+    let runs = 400;
+    for images in [20, 60] {
+        let next = |way: &Way, random: &mut Pcg64| way.drawn(&config, random);
+        let sum: f64 = (0..runs)
+            .map(|seed| squared_error(&config, Way::straight(noise), next, images, seed))
+            .sum();
+        let each = sum / (4.0 * runs as f64);
+        assert!((0.8..1.3).contains(&each), "{images} images: {each}");
     }
 }
 

@@ -7,7 +7,7 @@ use nalgebra::{Cholesky, Matrix3, Vector3};
 
 use super::config::TrackerConfig;
 use super::faces::{FACES, Faces};
-use super::kalman::{Track, covers};
+use super::followed::{Track, covers};
 use super::{Gates, flat};
 
 /// Greatest coordinate, length and standard deviation of a detection that is believed, m.
@@ -323,11 +323,11 @@ fn is_far(track: &Track, seen: &Seen, gates: &Gates) -> bool {
     let detection = &seen.detection;
     let apart = (detection.centre_world - track.position()).xy().norm();
     if seen.faces.shown[..4].iter().all(|&shown| shown) {
-        let variance = track.position_variance_m2() + seen.faces.centre_variance_m2();
+        let variance = track.state.position_variance_m2() + seen.faces.centre_variance_m2();
         return apart * apart > gates.of_sides[FACES] * variance;
     }
     let reach = NEAR_M + 0.5 * detection.size_m.xy().norm();
-    apart > reach + NEAR_SIGMA * track.position_sigma_m()
+    apart > reach + NEAR_SIGMA * track.state.position_sigma_m()
 }
 
 /// Whether a detection could be of one person or pillar.

@@ -2,12 +2,12 @@
 
 use alula_geometry::Timestamp;
 use alula_messages::{Footprint, ObstacleMotion, Sight};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::config::TrackModelConfig;
 use super::faces::{FACES, Faces};
-use super::kalman::{MIN_SIZE_M, POSITION, SIZE, Track};
-use super::update::TurnSum;
+use super::followed::Track;
+use super::kalman::{MIN_SIZE_M, POSITION, SIZE, State};
 
 impl Track {
     /// A track from one detection. A hidden side lies so that the length is at least that of the
@@ -22,52 +22,49 @@ impl Track {
         let mut track = Self {
             id,
             footprint,
-            mean: SVector::zeros(),
-            covariance: SMatrix::zeros(),
+            state: State::zero(),
+            turns: None,
             yaw_rad: faces.yaw_rad,
             motion: ObstacleMotion::Undecided,
             standing_s: 0.0,
-            turn: TurnSum::default(),
             sight: Sight::Seen,
             last_seen: time,
             images: 1,
             misses: 0,
             missed_s: 0.0,
         };
+        let state = &mut track.state;
         let mut centre = SMatrix::<f64, 3, 6>::zeros();
         let mut variance = Vector3::zeros();
         for axis in 0..3 {
             let start = start_of_axis(faces, axis, footprint, model);
             let row = faces.axes[axis] * start.centre;
-            let position = track.position() + row;
-            track
-                .mean
-                .fixed_rows_mut::<3>(POSITION)
-                .copy_from(&position);
-            track.mean[SIZE + axis] = start.length;
+            let position = state.position() + row;
+            state.set_position(&position);
+            state.mean[SIZE + axis] = start.length;
             centre.row_mut(axis).copy_from(&start.centre_from_faces);
             variance[axis] = start.unseen_variance;
             let cross = faces.axes[axis] * start.centre_length_covariance;
             for i in 0..3 {
-                track.covariance[(POSITION + i, SIZE + axis)] = cross[i];
-                track.covariance[(SIZE + axis, POSITION + i)] = cross[i];
+                state.covariance[(POSITION + i, SIZE + axis)] = cross[i];
+                state.covariance[(SIZE + axis, POSITION + i)] = cross[i];
             }
-            track.covariance[(SIZE + axis, SIZE + axis)] = start.length_variance;
+            state.covariance[(SIZE + axis, SIZE + axis)] = start.length_variance;
         }
         let rotation = Matrix3::from_columns(&faces.axes);
         let in_box =
             centre * faces.covariance * centre.transpose() + Matrix3::from_diagonal(&variance);
         let position = rotation * in_box * rotation.transpose();
-        track
+        state
             .covariance
             .fixed_view_mut::<3, 3>(POSITION, POSITION)
             .copy_from(&position);
         if footprint == Footprint::Round {
-            track.open_velocity(model.max_velocity_sigma_m_s, model);
+            state.open_velocity(model.max_velocity_sigma_m_s, model);
         } else {
             track.motion = ObstacleMotion::Static;
         }
-        track.symmetrise();
+        state.symmetrise();
         track
     }
 }

@@ -28,16 +28,16 @@ parameters! {
         /// Square root of the spectral density of a horizontal component of the acceleration,
         /// m/s^2 per sqrt Hz, of what may turn and stop unseen.
         pub acceleration_noise_m_s2_sqrt_hz: f64 = 1.2, within(0.01, 10.0);
-        /// The same for what is seen: turns are found by a test.
-        pub steady_acceleration_noise_m_s2_sqrt_hz: f64 = 0.25, within(0.01, 10.0);
-        /// Confidence in a change of velocity, other than by the steady noise, that makes a turn.
-        pub turn_probability: f64 = 0.999, within(0.5, 0.9999999);
-        /// Time constant of the memory for such changes, s.
-        pub turn_memory_s: f64 = 0.07, within(0.001, 5.0);
-        /// Standard deviation of a component of the change of velocity in a turn, m/s.
-        pub turn_sigma_m_s: f64 = 1.2, within(0.01, 10.0);
-        /// How long before its discovery a turn is taken to have happened, s.
-        pub turn_delay_s: f64 = 0.08, within(0.0, 2.0);
+        /// The same for what is seen and goes straight on.
+        pub steady_acceleration_noise_m_s2_sqrt_hz: f64 = 0.15, within(0.01, 10.0);
+        /// The same for what is seen and turns.
+        pub turn_acceleration_noise_m_s2_sqrt_hz: f64 = 1.0, within(0.01, 10.0);
+        /// Rate at which a walker's velocity turns, to either side, degrees per second.
+        pub turn_rate_deg_s: f64 = 115.0, within(0.0, 720.0);
+        /// Mean time for which a walker goes straight on, s.
+        pub straight_s: f64 = 1.0, within(0.01, 1000.0);
+        /// Mean time for which a walker turns, s.
+        pub turn_s: f64 = 0.6, within(0.01, 1000.0);
         /// The same for obstacles that stand.
         pub static_acceleration_noise_m_s2_sqrt_hz: f64 = 0.1, within(0.0001, 10.0);
         /// The same for the vertical component.

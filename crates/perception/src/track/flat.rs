@@ -10,7 +10,8 @@ use nalgebra::{Vector2, Vector3};
 
 use super::config::{FlatConfig, TrackModelConfig};
 use super::faces::Faces;
-use super::kalman::Track;
+use super::followed::Track;
+use super::kalman::{POSITION, SIZE};
 
 /// A stretch along an axis, m.
 #[derive(Clone, Copy)]
@@ -100,7 +101,7 @@ fn match_across(
 fn offset_variance(track: &Track, detection: &Detection, normal: &Vector2<f64>) -> f64 {
     let block = detection.centre_covariance.fixed_view::<2, 2>(0, 0);
     let measured = normal.dot(&(block * normal)).max(0.0);
-    (track.position_sigma_along_m(normal).powi(2) + measured).max(1e-9)
+    (track.state.position_sigma_along_m(normal).powi(2) + measured).max(1e-9)
 }
 
 /// Cost of a pair of flat track and flat detection: how far apart across the surface, and how
@@ -144,18 +145,18 @@ pub(super) fn update(
     // Across: filtered, between the track's centre and the detection's. With the weight
     // w = R / (P + R) of the prediction, the variance becomes w P.
     let before = track.position().xy() - frame.origin;
-    let variance = track.position_sigma_along_m(&frame.normal).powi(2);
+    let variance = track.state.position_sigma_along_m(&frame.normal).powi(2);
     let prior_weight =
         (1.0 - variance / offset_variance(track, detection, &frame.normal)).clamp(0.0, 1.0);
     let across = frame.normal.dot(&before) * prior_weight;
     let middle =
         frame.origin + frame.along * (0.5 * (span.low + span.high)) + frame.normal * across;
     let mut next = Track::new(track.id, time, Footprint::Flat, faces, model);
-    next.mean[0] = middle.x;
-    next.mean[1] = middle.y;
-    next.mean[2] = 0.5 * (height.low + height.high);
-    next.mean[6] = span.length();
-    next.mean[8] = height.length();
+    next.state.mean[POSITION] = middle.x;
+    next.state.mean[POSITION + 1] = middle.y;
+    next.state.mean[POSITION + 2] = 0.5 * (height.low + height.high);
+    next.state.mean[SIZE] = span.length();
+    next.state.mean[SIZE + 2] = height.length();
     scale_across(&mut next, &frame.normal, variance * prior_weight);
     next.yaw_rad = yaw;
     next.images = track.images;
@@ -166,7 +167,7 @@ pub(super) fn update(
 
 /// Gives the position the variance `variance` across the surface, by a congruence.
 fn scale_across(track: &mut Track, normal: &Vector2<f64>, variance: f64) {
-    let now = track.position_sigma_along_m(normal).powi(2);
+    let now = track.state.position_sigma_along_m(normal).powi(2);
     if now <= 1e-12 {
         return;
     }
@@ -177,14 +178,14 @@ fn scale_across(track: &mut Track, normal: &Vector2<f64>, variance: f64) {
             factor[(i, j)] += change * normal[i] * normal[j];
         }
     }
-    let rows = factor * track.covariance.fixed_rows::<3>(0);
-    track.covariance.fixed_rows_mut::<3>(0).copy_from(&rows);
-    let columns = track.covariance.fixed_columns::<3>(0) * factor.transpose();
-    track
-        .covariance
-        .fixed_columns_mut::<3>(0)
+    let covariance = &mut track.state.covariance;
+    let rows = factor * covariance.fixed_rows::<3>(POSITION);
+    covariance.fixed_rows_mut::<3>(POSITION).copy_from(&rows);
+    let columns = covariance.fixed_columns::<3>(POSITION) * factor.transpose();
+    covariance
+        .fixed_columns_mut::<3>(POSITION)
         .copy_from(&columns);
-    track.symmetrise();
+    track.state.symmetrise();
 }
 
 /// The seen stretch, and beyond an end that the image does not show what was there before.

@@ -1,13 +1,9 @@
-//! State of one track: position, velocity and lengths of the box; and how it goes on unseen.
+//! The Kalman filter of one motion: position, velocity and lengths of a box with their covariance.
 
-use std::f64::consts::{FRAC_PI_2, PI};
-
-use alula_geometry::Timestamp;
-use alula_messages::{Footprint, Obstacle, ObstacleMotion, Sight};
-use nalgebra::{Cholesky, SMatrix, SVector, Vector2, Vector3};
+use alula_messages::{ObstacleMotion, Sight};
+use nalgebra::{Cholesky, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use super::config::TrackModelConfig;
-use super::update::TurnSum;
 
 /// Position, velocity, lengths.
 pub(super) const STATES: usize = 9;
@@ -18,29 +14,68 @@ pub(super) const SIZE: usize = 6;
 /// A length cannot be estimated below this, m.
 pub(super) const MIN_SIZE_M: f64 = 0.02;
 
-/// One followed obstacle.
-#[derive(Clone, Debug)]
-pub(super) struct Track {
-    pub id: u32,
-    pub footprint: Footprint,
+/// How an obstacle moves over one image.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Motion {
+    /// Rate at which the velocity turns, counter-clockwise seen from above, rad/s.
+    pub turn_rate_rad_s: f64,
+    /// Square roots of the spectral densities of the acceleration and of the lengths' rates,
+    /// m/s^2 and m/s per sqrt Hz.
+    pub horizontal_noise: f64,
+    pub vertical_noise: f64,
+    pub size_noise: f64,
+}
+
+impl Motion {
+    /// Straight on, as what is known of an obstacle suggests.
+    pub fn straight(motion: ObstacleMotion, sight: Sight, model: &TrackModelConfig) -> Self {
+        let is_seen = sight == Sight::Seen;
+        let horizontal_noise = match motion {
+            ObstacleMotion::Static => model.static_acceleration_noise_m_s2_sqrt_hz,
+            _ if is_seen => model.steady_acceleration_noise_m_s2_sqrt_hz,
+            _ => model.acceleration_noise_m_s2_sqrt_hz,
+        };
+        Self {
+            turn_rate_rad_s: 0.0,
+            horizontal_noise,
+            vertical_noise: model.vertical_acceleration_noise_m_s2_sqrt_hz,
+            size_noise: if is_seen {
+                model.size_noise_m_sqrt_s
+            } else {
+                0.0
+            },
+        }
+    }
+
+    /// Integral of the velocity's rotation over `dt_s`, and the rotation.
+    fn over(&self, dt_s: f64) -> (Matrix3<f64>, Matrix3<f64>) {
+        let (rate, angle) = (self.turn_rate_rad_s, self.turn_rate_rad_s * dt_s);
+        if angle.abs() < 1e-9 {
+            return (Matrix3::identity() * dt_s, Matrix3::identity());
+        }
+        let (sin, cos) = angle.sin_cos();
+        let turned = |a: f64, b: f64, up: f64| Matrix3::new(a, -b, 0.0, b, a, 0.0, 0.0, 0.0, up);
+        let travelled = turned(sin / rate, (1.0 - cos) / rate, dt_s);
+        (travelled, turned(cos, sin, 1.0))
+    }
+}
+
+/// What is believed of an obstacle.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct State {
     /// Position and velocity (world), lengths along the box's axes.
     pub mean: SVector<f64, STATES>,
     pub covariance: SMatrix<f64, STATES, STATES>,
-    pub yaw_rad: f64,
-    pub motion: ObstacleMotion,
-    /// Time for which the velocity has counted as zero, s.
-    pub standing_s: f64,
-    pub turn: TurnSum,
-    pub sight: Sight,
-    pub last_seen: Timestamp,
-    pub images: u32,
-    /// Images in sequence without detection though the view is free beyond.
-    pub misses: u32,
-    /// Time without detection though it should be seen, s.
-    pub missed_s: f64,
 }
 
-impl Track {
+impl State {
+    pub fn zero() -> Self {
+        Self {
+            mean: SVector::zeros(),
+            covariance: SMatrix::zeros(),
+        }
+    }
+
     pub fn position(&self) -> Vector3<f64> {
         self.mean.fixed_rows::<3>(POSITION).into()
     }
@@ -53,9 +88,20 @@ impl Track {
         self.mean.fixed_rows::<3>(SIZE).into()
     }
 
+    pub fn is_finite(&self) -> bool {
+        self.mean
+            .iter()
+            .chain(&self.covariance)
+            .all(|x| x.is_finite())
+    }
+
+    pub fn set_position(&mut self, position: &Vector3<f64>) {
+        self.mean.fixed_rows_mut::<3>(POSITION).copy_from(position);
+    }
+
     pub fn shift(&mut self, by_world: &Vector3<f64>) {
         let moved = self.position() + by_world;
-        self.mean.fixed_rows_mut::<3>(POSITION).copy_from(&moved);
+        self.set_position(&moved);
     }
 
     /// Adds variance of the velocity.
@@ -69,65 +115,50 @@ impl Track {
         self.bound_velocity(model);
     }
 
-    /// Moves the state on by `dt_s`: constant velocity with white acceleration while the obstacle
-    /// may move, rest for standing ones that are not seen.
-    pub fn predict(&mut self, dt_s: f64, model: &TrackModelConfig) {
-        let at_rest = self.motion == ObstacleMotion::Static && self.sight != Sight::Seen;
-        if self.footprint == Footprint::Flat || at_rest {
-            self.rest(dt_s, model);
-        } else {
-            self.move_on(dt_s, model);
-        }
-    }
-
-    fn move_on(&mut self, dt_s: f64, model: &TrackModelConfig) {
+    /// Moves the state on by `dt_s` at a constant rate of turn with white acceleration.
+    pub fn move_on(&mut self, dt_s: f64, motion: &Motion, model: &TrackModelConfig) {
+        let (travelled, turned) = motion.over(dt_s);
+        let velocity = self.velocity();
+        let position = self.position() + travelled * velocity;
+        self.set_position(&position);
+        self.mean
+            .fixed_rows_mut::<3>(VELOCITY)
+            .copy_from(&(turned * velocity));
+        // F P F^T with F = I but [I, travelled; 0, turned] of position and velocity, rows first.
         let p = &mut self.covariance;
-        let velocity: Vector3<f64> = self.mean.fixed_rows::<3>(VELOCITY).into();
-        let position = self.mean.fixed_rows::<3>(POSITION) + velocity * dt_s;
-        self.mean.fixed_rows_mut::<3>(POSITION).copy_from(&position);
-        // F P F^T with F = I + dt in the block (position, velocity), rows first.
-        for row in 0..3 {
-            for column in 0..STATES {
-                p[(POSITION + row, column)] += dt_s * p[(VELOCITY + row, column)];
-            }
-        }
-        for column in 0..3 {
-            for row in 0..STATES {
-                p[(row, POSITION + column)] += dt_s * p[(row, VELOCITY + column)];
-            }
-        }
-        self.add_process_noise(dt_s, model);
+        let of_velocity: SMatrix<f64, 3, STATES> = p.fixed_rows::<3>(VELOCITY).into();
+        let mut rows = p.fixed_rows_mut::<3>(POSITION);
+        rows += travelled * of_velocity;
+        p.fixed_rows_mut::<3>(VELOCITY)
+            .copy_from(&(turned * of_velocity));
+        let of_velocity: SMatrix<f64, STATES, 3> = p.fixed_columns::<3>(VELOCITY).into();
+        let mut columns = p.fixed_columns_mut::<3>(POSITION);
+        columns += of_velocity * travelled.transpose();
+        p.fixed_columns_mut::<3>(VELOCITY)
+            .copy_from(&(of_velocity * turned.transpose()));
+        self.add_process_noise(dt_s, motion);
         self.symmetrise();
         self.bound_velocity(model);
     }
 
     /// White acceleration of density q: q [dt^3/3, dt^2/2; dt^2/2, dt] of position and velocity.
-    fn add_process_noise(&mut self, dt_s: f64, model: &TrackModelConfig) {
-        let horizontal = match (self.motion, self.sight) {
-            (ObstacleMotion::Static, _) => model.static_acceleration_noise_m_s2_sqrt_hz,
-            (_, Sight::Seen) => model.steady_acceleration_noise_m_s2_sqrt_hz,
-            _ => model.acceleration_noise_m_s2_sqrt_hz,
-        };
-        let vertical = model.vertical_acceleration_noise_m_s2_sqrt_hz;
+    fn add_process_noise(&mut self, dt_s: f64, motion: &Motion) {
         let p = &mut self.covariance;
-        for (i, noise) in [horizontal, horizontal, vertical].into_iter().enumerate() {
+        let horizontal = motion.horizontal_noise;
+        let noises = [horizontal, horizontal, motion.vertical_noise];
+        for (i, noise) in noises.into_iter().enumerate() {
             let density = noise * noise;
             let cross = density * dt_s * dt_s / 2.0;
             p[(POSITION + i, POSITION + i)] += density * dt_s.powi(3) / 3.0;
             p[(POSITION + i, VELOCITY + i)] += cross;
             p[(VELOCITY + i, POSITION + i)] += cross;
             p[(VELOCITY + i, VELOCITY + i)] += density * dt_s;
-        }
-        if self.sight == Sight::Seen {
-            let variance = model.size_noise_m_sqrt_s.powi(2) * dt_s;
-            for i in 0..3 {
-                p[(SIZE + i, SIZE + i)] += variance;
-            }
+            p[(SIZE + i, SIZE + i)] += motion.size_noise.powi(2) * dt_s;
         }
     }
 
     /// A standing obstacle stays where it is; only the odometry under it drifts.
-    fn rest(&mut self, dt_s: f64, model: &TrackModelConfig) {
+    pub fn rest(&mut self, dt_s: f64, model: &TrackModelConfig) {
         let drift = model.static_drift_m_sqrt_s.powi(2) * dt_s;
         for i in 0..3 {
             self.mean[VELOCITY + i] = 0.0;
@@ -177,24 +208,6 @@ impl Track {
         self.symmetrise();
     }
 
-    /// Which of the track's lengths lies along each axis of a box, and how far the track must
-    /// turn to be aligned with it (to a quarter turn), rad.
-    pub fn alignment(&self, yaw_rad: f64) -> ([usize; 3], f64) {
-        let turn = yaw_rad - self.yaw_rad;
-        let quarters = (turn / FRAC_PI_2).round();
-        let rest = turn - quarters * FRAC_PI_2;
-        let odd = quarters.rem_euclid(2.0) != 0.0;
-        (if odd { [1, 0, 2] } else { [0, 1, 2] }, rest)
-    }
-
-    pub fn mark_seen(&mut self, time: Timestamp) {
-        self.sight = Sight::Seen;
-        self.last_seen = time;
-        self.images = self.images.saturating_add(1);
-        self.misses = 0;
-        self.missed_s = 0.0;
-    }
-
     pub fn symmetrise(&mut self) {
         for i in 0..STATES {
             for j in 0..i {
@@ -229,76 +242,6 @@ impl Track {
         let velocity = self.velocity().xy();
         let solved = Cholesky::new(block.into_owned()).map(|factor| factor.solve(&velocity));
         solved.map_or(0.0, |solved| velocity.dot(&solved))
-    }
-
-    /// Half the extent of the footprint along a horizontal direction of length one, m: of the
-    /// ellipse in the box.
-    pub fn reach_m(&self, direction: &Vector2<f64>) -> f64 {
-        let (sin, cos) = self.yaw_rad.sin_cos();
-        let along = direction.x * cos + direction.y * sin;
-        let across = direction.y * cos - direction.x * sin;
-        0.5 * (self.mean[SIZE] * along).hypot(self.mean[SIZE + 1] * across)
-    }
-
-    /// Whether a point lies within the box, widened by a margin, seen from above.
-    pub fn covers(&self, point: &Vector3<f64>, margin_m: f64) -> bool {
-        covers(
-            &self.position(),
-            self.yaw_rad,
-            &self.size(),
-            point,
-            margin_m,
-        )
-    }
-
-    /// What others see of the track.
-    pub fn obstacle(&self, time: Timestamp) -> Obstacle {
-        let stands = self.motion == ObstacleMotion::Static;
-        let size_variance = Vector3::from_fn(|i, _| self.covariance[(SIZE + i, SIZE + i)]);
-        Obstacle {
-            id: self.id,
-            time,
-            centre_world: self.position(),
-            velocity_world: if stands {
-                Vector3::zeros()
-            } else {
-                self.velocity()
-            },
-            covariance: self.covariance.fixed_view::<6, 6>(0, 0).into(),
-            yaw_rad: self.yaw_rad,
-            size_m: self.size(),
-            size_variance_m2: size_variance,
-            footprint: self.footprint,
-            motion: self.motion,
-            sight: self.sight,
-            last_seen: self.last_seen,
-            images: self.images,
-        }
-    }
-}
-
-/// Whether a point lies within a box, widened by a margin, seen from above.
-pub(super) fn covers(
-    centre: &Vector3<f64>,
-    yaw_rad: f64,
-    size: &Vector3<f64>,
-    point: &Vector3<f64>,
-    margin_m: f64,
-) -> bool {
-    let (sin, cos) = yaw_rad.sin_cos();
-    let offset = point - centre;
-    let along = offset.x * cos + offset.y * sin;
-    let across = offset.y * cos - offset.x * sin;
-    along.abs() <= 0.5 * size.x + margin_m && across.abs() <= 0.5 * size.y + margin_m
-}
-
-/// Angle in (-pi, pi], rad.
-pub(super) fn wrap(angle: f64) -> f64 {
-    let turned = angle.rem_euclid(2.0 * PI);
-    if turned > PI {
-        turned - 2.0 * PI
-    } else {
-        turned
     }
 }
 

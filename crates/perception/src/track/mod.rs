@@ -5,9 +5,11 @@ mod birth;
 mod config;
 mod faces;
 mod flat;
+mod followed;
 mod kalman;
 mod motion;
 mod sight;
+mod turns;
 mod update;
 
 use alula_geometry::Timestamp;
@@ -20,7 +22,7 @@ use crate::Contour;
 use associate::{Associator, Seen};
 pub use config::{FlatConfig, MotionTestConfig, TrackLifeConfig, TrackModelConfig, TrackerConfig};
 use faces::FACES;
-use kalman::Track;
+use followed::Track;
 use motion::MotionTest;
 use sight::View;
 
@@ -29,8 +31,6 @@ use sight::View;
 struct Gates {
     /// For comparisons of 0 to [`FACES`] sides.
     of_sides: [f64; FACES + 1],
-    /// For changes of the horizontal velocity.
-    turn: f64,
 }
 
 impl Gates {
@@ -39,8 +39,7 @@ impl Gates {
         for (degrees, gate) in (0_u32..).zip(of_sides.iter_mut()).skip(1) {
             *gate = chi_square_quantile(config.gate_probability, degrees);
         }
-        let turn = chi_square_quantile(config.model.turn_probability, 2);
-        Self { of_sides, turn }
+        Self { of_sides }
     }
 }
 
@@ -153,7 +152,7 @@ impl Tracker {
         }
         let limit = self.config.life.keep_sigma_m;
         self.tracks.retain(|track| {
-            track.footprint == Footprint::Flat || track.position_sigma_m() <= limit
+            track.footprint == Footprint::Flat || track.state.position_sigma_m() <= limit
         });
     }
 
@@ -252,11 +251,7 @@ impl Tracker {
         self.tracks.retain(|track| {
             let replaced = associator.is_replaced(index);
             index += 1;
-            let finite = track
-                .mean
-                .iter()
-                .chain(&track.covariance)
-                .all(|x| x.is_finite());
+            let finite = track.state.is_finite();
             if track.sight == Sight::Seen || !finite {
                 return finite;
             }

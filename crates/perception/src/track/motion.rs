@@ -4,7 +4,7 @@ use alula_geometry::gaussian::chi_square_quantile;
 use alula_messages::ObstacleMotion;
 
 use super::config::{MotionTestConfig, TrackModelConfig};
-use super::kalman::Track;
+use super::followed::Track;
 
 /// Degrees of freedom of the horizontal velocity.
 const DEGREES: u32 = 2;
@@ -33,8 +33,8 @@ impl MotionTest {
 
     /// Judges a track that was just seen, `dt_s` after the image before.
     pub fn judge(&self, track: &mut Track, dt_s: f64, model: &TrackModelConfig) {
-        let test = track.velocity_test();
-        let fast = track.velocity().xy().norm() > self.config.min_speed_m_s;
+        let test = track.state.velocity_test();
+        let fast = track.state.velocity().xy().norm() > self.config.min_speed_m_s;
         let at_zero = !fast && test < self.standing;
         track.standing_s = if at_zero {
             track.standing_s + dt_s
@@ -50,7 +50,7 @@ impl MotionTest {
         };
         if fast && test > limit {
             if track.motion == ObstacleMotion::Static {
-                track.open_velocity(model.max_velocity_sigma_m_s, model);
+                track.start(model);
             }
             track.motion = ObstacleMotion::Moving;
         } else if track.standing_s >= self.config.standing_s {

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use alula_messages::Footprint;
 use nalgebra::{Vector2, Vector3};
 
-use super::kalman::Track;
+use super::followed::Track;
 use crate::{Contour, Ray, RayEnd};
 
 /// Places across a track at which the view is asked.
@@ -66,13 +66,13 @@ fn for_samples(contour: &Contour, track: &Track, mut ask: impl FnMut(Place)) {
     let (direction, half_width, reach) = match track.footprint {
         // Inwards of the rim, where rays pass by; outwards by where it may be.
         Footprint::Round => {
-            let half_width = 0.6 * track.reach_m(&left) + track.position_sigma_along_m(&left);
-            let reach = track.reach_m(&sight) + track.position_sigma_along_m(&sight);
+            let half_width = 0.6 * track.reach_m(&left) + track.state.position_sigma_along_m(&left);
+            let reach = track.reach_m(&sight) + track.state.position_sigma_along_m(&sight);
             (left, half_width, reach)
         }
         Footprint::Flat => {
             let (sin, cos) = track.yaw_rad.sin_cos();
-            let across = 0.5 * track.size().y + track.position_sigma_along_m(&sight);
+            let across = 0.5 * track.size().y + track.state.position_sigma_along_m(&sight);
             (Vector2::new(cos, sin), 0.4 * track.size().x, across)
         }
     };
