@@ -187,7 +187,7 @@ impl Avoidance {
         };
         let view = View {
             world_from_body: past.world_from_body,
-            orientation_covariance: past.orientation_covariance,
+            orientation_covariance: past.tilt_covariance(),
             floor_height_m: Some(self.conduct.floor_height_m),
         };
         output.detections.clear();

@@ -16,6 +16,18 @@ pub(super) struct PastPose {
     pub orientation_covariance: Matrix3<f64>,
 }
 
+impl PastPose {
+    /// Covariance of the orientation error without that of the heading, body, rad^2.
+    ///
+    /// The drift of the heading turns the vehicle and what it sees alike: it is common to all
+    /// images, and neither moves an obstacle against the others nor against the vehicle.
+    pub fn tilt_covariance(&self) -> Matrix3<f64> {
+        let up_body = self.world_from_body.rotation.inverse() * Vector3::z();
+        let level = Matrix3::identity() - up_body * up_body.transpose();
+        level * self.orientation_covariance * level
+    }
+}
+
 /// The poses of the recent past, oldest first.
 #[derive(Clone, Debug, Default)]
 pub(super) struct PastPoses {
@@ -110,6 +122,24 @@ mod tests {
             .world_from_body;
         assert!((pose.translation.vector.x - 2.8642).abs() < 1e-9);
         assert!((so3::yaw_rad(&pose.rotation) - 0.71605).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_heading_adds_nothing_to_the_error_of_the_tilt() {
+        let mut state = state(0.0);
+        state.world_from_body.rotation = so3::from_roll_pitch_yaw(0.3, -0.2, 1.0);
+        let up_body = state.world_from_body.rotation.inverse() * Vector3::z();
+        let across = up_body.cross(&Vector3::x()).normalize();
+        let covariance = 4.0 * up_body * up_body.transpose() + 0.01 * across * across.transpose();
+        let row = alula_messages::error_index::ORIENTATION;
+        state
+            .covariance
+            .fixed_view_mut::<3, 3>(row, row)
+            .copy_from(&covariance);
+        let mut poses = PastPoses::new();
+        poses.push(&state);
+        let tilt = poses.at(state.time).unwrap().tilt_covariance();
+        assert!((tilt - 0.01 * across * across.transpose()).norm() < 1e-12);
     }
 
     #[test]
