@@ -337,11 +337,24 @@ fn is_compact(detection: &Detection) -> bool {
 }
 
 fn is_fragment(track: &Track, detection: &Detection) -> bool {
-    let inside = track.covers(&detection.centre_world, FRAGMENT_MARGIN_M);
+    let inside = match detection.footprint {
+        Footprint::Round => track.covers(&detection.centre_world, FRAGMENT_MARGIN_M),
+        Footprint::Flat => is_whole_surface_inside(track, detection),
+    };
     let smaller = (0..2).all(|i| {
         detection.size_m[i] <= track.size()[0].max(track.size()[1]) + 2.0 * FRAGMENT_MARGIN_M
     });
     inside && smaller
+}
+
+/// Whether a flat piece ends on both sides inside the box of a track: a wall behind or beside it goes
+/// on.
+fn is_whole_surface_inside(track: &Track, detection: &Detection) -> bool {
+    let (sin, cos) = detection.yaw_rad.sin_cos();
+    let half = Vector3::new(cos, sin, 0.0) * (0.5 * detection.size_m.x);
+    let ends = [detection.centre_world - half, detection.centre_world + half];
+    let is_cut = detection.cut.left || detection.cut.right;
+    !is_cut && ends.iter().all(|end| track.covers(end, 0.0))
 }
 
 /// Whether a detection is of finite numbers of believable size, with covariances.

@@ -139,11 +139,38 @@ fn face_covariance(
     for face in 0..FACES {
         covariance[(face, face)] += shape_noise_m * shape_noise_m;
     }
-    let front = back ^ 1;
-    if detection.footprint == Footprint::Round && shown[front] && !shown[back] {
-        covariance[(front, front)] += partial_front_m(detection, front / 2).powi(2);
+    if detection.footprint == Footprint::Round {
+        let front = back ^ 1;
+        if shown[front] && !shown[back] {
+            covariance[(front, front)] += partial_front_m(detection, front / 2).powi(2);
+        }
+        add_steep_sides(&mut covariance, detection, shown, back);
     }
     covariance
+}
+
+/// The sides of a round thing close by are too steep for the image: what is seen is too narrow and
+/// too shallow, on both sides alike, so that the lengths err and the middle does not.
+fn add_steep_sides(
+    covariance: &mut SMatrix<f64, FACES, FACES>,
+    detection: &Detection,
+    shown: &[bool; FACES],
+    back: usize,
+) {
+    /// From here on all of a person is seen, m.
+    const FAR_M: f64 = 0.8;
+    /// How much each side loses on the way from there.
+    const LOSS: f64 = 0.3;
+    let loss_m = LOSS * (FAR_M - detection.depth_m[0]).max(0.0);
+    let low = 2 * (1 - back / 2);
+    if shown[low] && shown[low + 1] {
+        for (a, b, sign) in [(0, 0, 1.0), (1, 1, 1.0), (0, 1, -1.0), (1, 0, -1.0)] {
+            covariance[(low + a, low + b)] += sign * loss_m * loss_m;
+        }
+    }
+    if shown[back] {
+        covariance[(back, back)] += 4.0 * loss_m * loss_m;
+    }
 }
 
 /// Standard deviation of the place of a front that is seen in part, m: its nearest point may lie in

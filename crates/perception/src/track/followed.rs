@@ -16,7 +16,7 @@ pub(super) struct Track {
     pub id: u32,
     pub footprint: Footprint,
     pub state: State,
-    /// How it may be turning, while it is seen and may move: `state` is their mean.
+    /// How it may be turning, while it may move: `state` is their mean.
     pub turns: Option<Turns>,
     pub yaw_rad: f64,
     pub motion: ObstacleMotion,
@@ -54,21 +54,21 @@ impl Track {
         self.turns = None;
     }
 
-    /// Moves the state on by `dt_s`: with turns while the obstacle is seen and may move, straight
-    /// on when it is not seen, not at all for pieces of walls and unseen standing ones.
+    /// Moves the state on by `dt_s`: with turns while the obstacle may move, not at all for pieces
+    /// of walls and unseen standing ones.
     pub fn predict(&mut self, dt_s: f64, model: &TrackModelConfig) {
         let is_seen = self.sight == Sight::Seen;
         let stands = self.motion == ObstacleMotion::Static;
         if self.footprint == Footprint::Flat || (stands && !is_seen) {
             self.turns = None;
             self.state.rest(dt_s, model);
-        } else if stands || !is_seen {
+        } else if stands {
             self.turns = None;
             let motion = Motion::straight(self.motion, self.sight, model);
             self.state.move_on(dt_s, &motion, model);
         } else {
             let turns = self.turns.get_or_insert_with(|| Turns::new(&self.state));
-            turns.move_on(dt_s, model);
+            turns.move_on(dt_s, self.sight, model);
             self.state = turns.mean();
             self.state.bound_velocity(model);
         }

@@ -1,6 +1,7 @@
 //! Whether somebody walks straight on or turns: three Kalman filters that share what they know
 //! (an interacting multiple model estimator, Blom and Bar-Shalom 1988).
 
+use alula_messages::{ObstacleMotion, Sight};
 use nalgebra::Vector3;
 
 use super::config::TrackModelConfig;
@@ -40,10 +41,11 @@ impl Turns {
         }
     }
 
-    /// Somebody may change his way, then each state moves on in its own.
-    pub fn move_on(&mut self, dt_s: f64, model: &TrackModelConfig) {
-        self.mix(&changes(dt_s, model));
-        for (state, motion) in self.states.iter_mut().zip(ways(model)) {
+    /// Somebody may change his way, then each state moves on in its own. Who is not seen ends his
+    /// turn and begins none: his velocity is kept.
+    pub fn move_on(&mut self, dt_s: f64, sight: Sight, model: &TrackModelConfig) {
+        self.mix(&changes(dt_s, sight, model));
+        for (state, motion) in self.states.iter_mut().zip(ways(sight, model)) {
             state.move_on(dt_s, &motion, model);
         }
     }
@@ -57,7 +59,9 @@ impl Turns {
                 std::array::from_fn(|from| changes[from][to] * before.probabilities[from]);
             let total: f64 = joint.iter().sum();
             self.probabilities[to] = total;
-            self.states[to] = mean(&joint.map(|p| p / total), &before.states);
+            if total > 0.0 {
+                self.states[to] = mean(&joint.map(|p| p / total), &before.states);
+            }
         }
     }
 
@@ -91,26 +95,35 @@ fn mean(weights: &[f64; WAYS], states: &[State; WAYS]) -> State {
 }
 
 /// How each way moves.
-fn ways(model: &TrackModelConfig) -> [Motion; WAYS] {
-    use alula_messages::{ObstacleMotion, Sight};
-    let straight = Motion::straight(ObstacleMotion::Moving, Sight::Seen, model);
+fn ways(sight: Sight, model: &TrackModelConfig) -> [Motion; WAYS] {
+    let straight = Motion::straight(ObstacleMotion::Moving, sight, model);
     let rate = model.turn_rate_deg_s.to_radians();
+    let turn_noise = model.turn_acceleration_noise_m_s2_sqrt_hz;
     let turning = |turn_rate_rad_s: f64| Motion {
         turn_rate_rad_s,
-        horizontal_noise: model.turn_acceleration_noise_m_s2_sqrt_hz,
+        horizontal_noise: straight.horizontal_noise.max(turn_noise),
         ..straight
     };
     [straight, turning(rate), turning(-rate)]
 }
 
-/// Probability of each change of way within `dt_s`: ways end after exponential times.
-fn changes(dt_s: f64, model: &TrackModelConfig) -> [[f64; WAYS]; WAYS] {
-    let mean_s = [model.straight_s, model.turn_s, model.turn_s];
-    std::array::from_fn(|from| {
-        let stays = (-dt_s / mean_s[from]).exp();
-        let other = (1.0 - stays) / (WAYS - 1) as f64;
-        std::array::from_fn(|to| if to == from { stays } else { other })
-    })
+/// Probability of each change of way within `dt_s`: ways end after exponential times, and the other
+/// two are equally likely to follow. Unseen, only turns end, and straight on follows.
+fn changes(dt_s: f64, sight: Sight, model: &TrackModelConfig) -> [[f64; WAYS]; WAYS] {
+    let ends = |mean_s: f64| -(-dt_s / mean_s).exp_m1();
+    let (turn, straight) = (ends(model.turn_s), ends(model.straight_s));
+    if sight != Sight::Seen {
+        return [
+            [1.0, 0.0, 0.0],
+            [turn, 1.0 - turn, 0.0],
+            [turn, 0.0, 1.0 - turn],
+        ];
+    }
+    [
+        [1.0 - straight, 0.5 * straight, 0.5 * straight],
+        [0.5 * turn, 1.0 - turn, 0.5 * turn],
+        [0.5 * turn, 0.5 * turn, 1.0 - turn],
+    ]
 }
 
 #[cfg(test)]
@@ -162,7 +175,7 @@ mod tests {
 
     #[test]
     fn a_turn_of_a_whole_round_ends_where_it_began() {
-        let motion = ways(&model())[1];
+        let motion = ways(Sight::Seen, &model())[1];
         let round_s = std::f64::consts::TAU / motion.turn_rate_rad_s;
         let mut state = walker();
         state.move_on(round_s, &motion, &model());
@@ -188,12 +201,30 @@ mod tests {
     }
 
     #[test]
+    fn who_is_lost_in_a_turn_turns_on_and_then_goes_straight() {
+        let mut turns = Turns::new(&walker());
+        turns.weigh(&[-50.0, 0.0, -50.0]);
+        for _ in 0..90 {
+            turns.move_on(1.0 / 30.0, Sight::OutOfView, &model());
+        }
+        assert!(turns.probabilities[0] > 0.99);
+        let velocity = turns.mean().velocity();
+        assert!(velocity.y > 0.4, "{velocity}");
+        let mut straight = Turns::new(&walker());
+        straight.weigh(&[0.0, -50.0, -50.0]);
+        straight.move_on(3.0, Sight::OutOfView, &model());
+        assert!((straight.mean().velocity().x - 1.2).abs() < 0.01);
+    }
+
+    #[test]
     fn probabilities_of_changes_and_ways_sum_to_one() {
-        for row in changes(0.033, &model()) {
-            assert!((row.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        for sight in [Sight::Seen, Sight::Hidden] {
+            for row in changes(0.033, sight, &model()) {
+                assert!((row.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+            }
         }
         let mut turns = Turns::new(&walker());
-        turns.move_on(0.033, &model());
+        turns.move_on(0.033, Sight::Seen, &model());
         turns.weigh(&[-1.0, -800.0, 3.0]);
         assert!((turns.probabilities.iter().sum::<f64>() - 1.0).abs() < 1e-12);
         assert!(turns.probabilities[2] > turns.probabilities[1]);
