@@ -126,7 +126,7 @@ impl Glance {
             (way_rad, PI)
         };
         let reach = meeting_angle(speed_m_s, conduct.walker_m_s).min(aside + self.half_view_rad);
-        let walkers = walkers(state, known, conduct.walker_m_s);
+        let walkers = walkers(state, way_rad, known, conduct.walker_m_s);
         let urgency = |sector: usize| {
             let off = wrap_angle(bearing(sector) - course).abs();
             let neglect_s = self.neglect_s(sector, now);
@@ -160,12 +160,12 @@ fn bearing(sector: usize) -> f64 {
 }
 
 /// How urgent it is to look at walkers, by direction.
-fn walkers(state: &NavState, known: &[Obstacle], walker_m_s: f64) -> [f64; SECTORS] {
+fn walkers(state: &NavState, way_rad: f64, known: &[Obstacle], walker_m_s: f64) -> [f64; SECTORS] {
     let mut urgency = [0.0_f64; SECTORS];
     let may_move =
         |o: &&Obstacle| o.footprint == Footprint::Round && o.motion != ObstacleMotion::Static;
     for walker in known.iter().filter(may_move) {
-        let Some(time_s) = reach_s(walker, state, walker_m_s) else {
+        let Some(time_s) = reach_s(walker, state, way_rad, walker_m_s) else {
             continue;
         };
         let share = if comes_near(walker, state) {
@@ -194,18 +194,22 @@ fn comes_near(walker: &Obstacle, state: &NavState) -> bool {
     offset.dot(&approach) < 0.0 && nearest_m < NEAR_M
 }
 
-/// Time in which a walker could be at the vehicle, whichever way he turns, s; `None` if he is far.
-fn reach_s(walker: &Obstacle, state: &NavState, walker_m_s: f64) -> Option<f64> {
+/// Time in which a walker could be at a vehicle that goes on or turns to its way, whichever way he
+/// turns, s; `None` if he is far or stays behind.
+fn reach_s(walker: &Obstacle, state: &NavState, way_rad: f64, walker_m_s: f64) -> Option<f64> {
     let line = (walker.centre_world - state.position_world()).xy();
     let distance_m = line.norm();
     if distance_m > FAR_M {
         return None;
     }
     let velocity = state.velocity_world.xy();
-    if velocity.angle(&line) > meeting_angle(velocity.norm(), walker_m_s) + BEHIND_RAD {
+    let speed_m_s = velocity.norm();
+    let onto_way = Vector2::new(way_rad.cos(), way_rad.sin()) * speed_m_s;
+    let aside_rad = velocity.angle(&line).min(onto_way.angle(&line));
+    if aside_rad > meeting_angle(speed_m_s, walker_m_s) + BEHIND_RAD {
         return None;
     }
-    let approach_m_s = line.dot(&velocity) / distance_m.max(1e-6);
+    let approach_m_s = speed_m_s * aside_rad.cos();
     let unseen_s = state.time.seconds_since(walker.last_seen);
     let left_m = distance_m - TOUCH_M - walker_m_s * unseen_s;
     let closing_m_s = (walker_m_s + approach_m_s).max(LEAST_CLOSING_M_S);

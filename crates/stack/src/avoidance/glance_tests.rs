@@ -75,8 +75,20 @@ fn who_left_the_view_beside_the_vehicle_is_looked_for() {
 fn who_cannot_catch_up_is_not_looked_for() {
     let conduct = ConductConfig::default();
     let behind = walker([-1.5, 0.0], [1.2, 0.0], 4.0);
-    let urgency = walkers(&flying(5.0, 2.0), &[behind], conduct.walker_m_s);
+    let urgency = walkers(&flying(5.0, 2.0), 0.0, &[behind], conduct.walker_m_s);
     assert!(urgency.iter().all(|u| *u == 0.0));
+}
+
+#[test]
+fn who_was_passed_is_looked_for_before_the_vehicle_turns_to_his_side() {
+    let conduct = ConductConfig::default();
+    let passed = walker([-0.7, -1.1], [1.2, 0.0], 4.5);
+    let urgency = |way_rad| {
+        let all = walkers(&flying(5.0, 1.5), way_rad, &[passed], conduct.walker_m_s);
+        all.into_iter().fold(0.0, f64::max)
+    };
+    assert_eq!(urgency(0.0), 0.0);
+    assert!(urgency(-1.1) > 1.0);
 }
 
 #[test]
