@@ -33,6 +33,8 @@ const LEAST_CLOSING_M_S: f64 = 0.2;
 const BEHIND_RAD: f64 = 0.35;
 /// Distance at which a walker is here, m.
 const TOUCH_M: f64 = 0.8;
+/// After this time more of it makes a walker no more urgent: a near one is than a far one, s.
+const LOST_S: f64 = 1.0;
 /// This far within the view a walker is seen whole, rad.
 const WHOLE_RAD: f64 = 0.3;
 /// Who comes nearer than this, m,
@@ -173,12 +175,17 @@ fn walkers(state: &NavState, way_rad: f64, known: &[Obstacle], walker_m_s: f64) 
         } else {
             TURN_SHARE
         };
-        let unseen_s = state.time.seconds_since(walker.last_seen);
+        let unseen_s = unseen_s(walker, state);
         let line = (walker.centre_world - state.position_world()).xy();
         let sector = sector_of(line.y.atan2(line.x));
         urgency[sector] = urgency[sector].max(share * WALKER_WEIGHT_S / time_s * unseen_s);
     }
     urgency
+}
+
+/// For how long a walker has not been seen, as far as it counts, s.
+fn unseen_s(walker: &Obstacle, state: &NavState) -> f64 {
+    state.time.seconds_since(walker.last_seen).min(LOST_S)
 }
 
 fn sector_of(bearing_rad: f64) -> usize {
@@ -210,8 +217,7 @@ fn reach_s(walker: &Obstacle, state: &NavState, way_rad: f64, walker_m_s: f64) -
         return None;
     }
     let approach_m_s = speed_m_s * aside_rad.cos();
-    let unseen_s = state.time.seconds_since(walker.last_seen);
-    let left_m = distance_m - TOUCH_M - walker_m_s * unseen_s;
+    let left_m = distance_m - TOUCH_M - walker_m_s * unseen_s(walker, state);
     let closing_m_s = (walker_m_s + approach_m_s).max(LEAST_CLOSING_M_S);
     Some((left_m / closing_m_s).max(AT_ONCE_S))
 }
