@@ -35,6 +35,8 @@ const BEHIND_RAD: f64 = 0.35;
 const TOUCH_M: f64 = 0.8;
 /// After this time more of it makes a walker no more urgent: a near one is than a far one, s.
 const LOST_S: f64 = 1.0;
+/// A walker who is seen counts as if unseen for this long, so that a near one is kept in view, s.
+const HOLD_S: f64 = 0.5;
 /// This far within the view a walker is seen whole, rad.
 const WHOLE_RAD: f64 = 0.3;
 /// Who comes nearer than this, m,
@@ -164,9 +166,13 @@ fn bearing(sector: usize) -> f64 {
 /// How urgent it is to look at walkers, by direction.
 fn walkers(state: &NavState, way_rad: f64, known: &[Obstacle], walker_m_s: f64) -> [f64; SECTORS] {
     let mut urgency = [0.0_f64; SECTORS];
-    let may_move =
-        |o: &&Obstacle| o.footprint == Footprint::Round && o.motion != ObstacleMotion::Static;
-    for walker in known.iter().filter(may_move) {
+    // Who is not where he should be seen is not found by looking there.
+    let may_be_there = |o: &&Obstacle| {
+        o.footprint == Footprint::Round
+            && o.motion != ObstacleMotion::Static
+            && o.sight != Sight::Missed
+    };
+    for walker in known.iter().filter(may_be_there) {
         let Some(time_s) = reach_s(walker, state, way_rad, walker_m_s) else {
             continue;
         };
@@ -175,7 +181,7 @@ fn walkers(state: &NavState, way_rad: f64, known: &[Obstacle], walker_m_s: f64) 
         } else {
             TURN_SHARE
         };
-        let unseen_s = unseen_s(walker, state);
+        let unseen_s = unseen_s(walker, state).max(HOLD_S);
         let line = (walker.centre_world - state.position_world()).xy();
         let sector = sector_of(line.y.atan2(line.x));
         urgency[sector] = urgency[sector].max(share * WALKER_WEIGHT_S / time_s * unseen_s);
