@@ -36,6 +36,9 @@ parameters! {
     pub struct ConductConfig {
         /// Greatest horizontal speed, m/s.
         pub max_speed_m_s: f64 = 2.0, within(0.1, 10.0);
+        /// Greatest horizontal speed over the height above the floor, rad/s: nearer to the ground a
+        /// flow camera loses it.
+        pub max_flow_rad_s: f64 = 1.7, within(0.1, 1000.0);
         /// Speed at which space that was never seen may be entered, m/s.
         pub creep_speed_m_s: f64 = 0.35, within(0.0, 2.0);
         /// Deceleration with which the vehicle can stop before such space, m/s^2.

@@ -331,7 +331,8 @@ impl Avoidance {
             }
             *next += 1;
             self.headway.reset();
-            self.start_height_m = None;
+            // Not that of the vehicle: who sank on one way must not sink on from there.
+            self.start_height_m = Some(goal.z);
         }
         None
     }

@@ -1,4 +1,5 @@
-//! How fast to fly: no faster than the vehicle can stop before space that was never seen.
+//! How fast to fly: no faster than the vehicle can stop before space that was never seen, and than
+//! its flow camera can follow the ground.
 
 use alula_messages::PLAN_POINTS;
 use nalgebra::Vector3;
@@ -11,7 +12,8 @@ const STEP_M: f64 = 0.15;
 /// Greatest speed at each point of a plan, m/s, when its way follows `points` (world, m) and goes
 /// on in the same direction; `is_free` says what has been seen to be free.
 ///
-/// v^2 = 2 a d with the deceleration a and the distance d left to unseen space.
+/// v^2 = 2 a d with the deceleration a and the distance d left to unseen space; v = w h with the
+/// greatest flow w and the height h above the floor.
 pub(super) fn speed_limits(
     points: &[Vector3<f64>],
     conduct: &ConductConfig,
@@ -27,8 +29,11 @@ pub(super) fn speed_limits(
         }
         let left_m = (free_m - flown_m - conduct.unseen_margin_m).max(0.0);
         let by_braking = (2.0 * conduct.braking_m_s2 * left_m).sqrt();
+        let height_m =
+            points.get(k).or(points.last()).map_or(0.0, |p| p.z) - conduct.floor_height_m;
+        let by_flow = conduct.max_flow_rad_s * height_m;
         let low = conduct.creep_speed_m_s.min(conduct.max_speed_m_s);
-        *limit = by_braking.clamp(low, conduct.max_speed_m_s);
+        *limit = by_braking.min(by_flow).clamp(low, conduct.max_speed_m_s);
     }
     limits
 }
@@ -80,6 +85,7 @@ mod tests {
             braking_m_s2: 1.0,
             creep_speed_m_s: 0.3,
             unseen_margin_m: 0.5,
+            max_flow_rad_s: 10.0,
             ..ConductConfig::default()
         }
     }
@@ -104,6 +110,18 @@ mod tests {
         assert!((limits[0] - 2f64.sqrt()).abs() < 0.15, "{}", limits[0]);
         assert!(limits.windows(2).all(|pair| pair[1] <= pair[0]));
         assert_eq!(limits[25], 0.3);
+    }
+
+    #[test]
+    fn near_the_ground_the_flow_limits_the_speed() {
+        let conduct = ConductConfig {
+            max_flow_rad_s: 1.5,
+            ..conduct()
+        };
+        let points = [Vector3::new(0.0, 0.0, 0.8), Vector3::new(1.0, 0.0, 1.0)];
+        let limits = speed_limits(&points, &conduct, |_| true);
+        assert!((limits[0] - 1.2).abs() < 1e-12);
+        assert!((limits[25] - 1.5).abs() < 1e-12);
     }
 
     #[test]
