@@ -105,6 +105,16 @@ impl Glance {
         age_s.min(LONG_S) + LONG_SHARE * beyond_s
     }
 
+    /// Who is not where he should be seen is not found by looking there.
+    fn drop_missed(&self, state: &NavState, known: &[Obstacle], urgency: &mut [f64; SECTORS]) {
+        for missed in known.iter().filter(|o| o.sight == Sight::Missed) {
+            let sector = sector_towards(missed, state);
+            if self.neglect_s(sector, state.time) < FRESH_S {
+                urgency[sector] = 0.0;
+            }
+        }
+    }
+
     /// Heading in which to look now, rad; `None` to look ahead. `way_rad` is the heading of the
     /// way, `velocity` that of the vehicle, world.
     pub fn heading(
@@ -130,7 +140,8 @@ impl Glance {
             (way_rad, PI)
         };
         let reach = meeting_angle(speed_m_s, conduct.walker_m_s).min(aside + self.half_view_rad);
-        let walkers = walkers(state, way_rad, known, conduct.walker_m_s);
+        let mut walkers = walkers(state, way_rad, known, conduct.walker_m_s);
+        self.drop_missed(state, known, &mut walkers);
         let urgency = |sector: usize| {
             let off = wrap_angle(bearing(sector) - course).abs();
             let neglect_s = self.neglect_s(sector, now);
@@ -166,13 +177,9 @@ fn bearing(sector: usize) -> f64 {
 /// How urgent it is to look at walkers, by direction.
 fn walkers(state: &NavState, way_rad: f64, known: &[Obstacle], walker_m_s: f64) -> [f64; SECTORS] {
     let mut urgency = [0.0_f64; SECTORS];
-    // Who is not where he should be seen is not found by looking there.
-    let may_be_there = |o: &&Obstacle| {
-        o.footprint == Footprint::Round
-            && o.motion != ObstacleMotion::Static
-            && o.sight != Sight::Missed
-    };
-    for walker in known.iter().filter(may_be_there) {
+    let may_move =
+        |o: &&Obstacle| o.footprint == Footprint::Round && o.motion != ObstacleMotion::Static;
+    for walker in known.iter().filter(may_move) {
         let Some(time_s) = reach_s(walker, state, way_rad, walker_m_s) else {
             continue;
         };
@@ -182,8 +189,7 @@ fn walkers(state: &NavState, way_rad: f64, known: &[Obstacle], walker_m_s: f64) 
             TURN_SHARE
         };
         let unseen_s = unseen_s(walker, state).max(HOLD_S);
-        let line = (walker.centre_world - state.position_world()).xy();
-        let sector = sector_of(line.y.atan2(line.x));
+        let sector = sector_towards(walker, state);
         urgency[sector] = urgency[sector].max(share * WALKER_WEIGHT_S / time_s * unseen_s);
     }
     urgency
@@ -194,7 +200,9 @@ fn unseen_s(walker: &Obstacle, state: &NavState) -> f64 {
     state.time.seconds_since(walker.last_seen).min(LOST_S)
 }
 
-fn sector_of(bearing_rad: f64) -> usize {
+fn sector_towards(obstacle: &Obstacle, state: &NavState) -> usize {
+    let line = (obstacle.centre_world - state.position_world()).xy();
+    let bearing_rad = line.y.atan2(line.x);
     let share = (wrap_angle(bearing_rad) + PI) / TAU;
     ((share * SECTORS as f64) as usize).min(SECTORS - 1)
 }
