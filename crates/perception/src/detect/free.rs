@@ -9,9 +9,6 @@ use super::histogram::Histogram;
 use super::level::Level;
 use crate::{Contour, Ray, RayEnd};
 
-/// Pixels of a column that make seen floor or distance: single ones may be wrong.
-const SEEN_PIXELS: u16 = 2;
-
 /// Fills the rays of a contour.
 pub(super) fn look(
     contour: &mut Contour,
@@ -39,7 +36,7 @@ pub(super) fn look(
             hit_m = hits.fold(hit_m, |least, s| least.min(s.support.depth_m));
             seen_m = seen_m
                 .into_iter()
-                .chain(map.seen_m(column, SEEN_PIXELS))
+                .chain(map.seen_m(column))
                 .reduce(f64::max);
         }
         contour.rays.push(end(tan, hit_m, seen_m, level, config));

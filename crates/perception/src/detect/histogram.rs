@@ -17,6 +17,8 @@ const HORIZON: f32 = 32768.0;
 const BEYOND_SIGMAS: f64 = 3.0;
 /// More rows than this are not read: the sums of a cell hold 16 bits.
 const MOST_ROWS: u32 = 900;
+/// Pixels of a column that make seen floor or distance: single ones may be wrong.
+const SEEN_PIXELS: u16 = 2;
 /// Adding this to a number of 0 to 2^22 leaves its nearest integer in the low bits.
 const ROUNDER: f32 = 8_388_608.0;
 const ROUNDER_BITS: u32 = 0x7f_ffff;
@@ -92,6 +94,14 @@ pub(super) struct Support {
     pub flags: u8,
 }
 
+/// Of each column the row of the farthest thing, and of the farthest floor among its own rows from
+/// 1 on, that are seen; 0 for none.
+#[derive(Clone, Debug, Default)]
+struct Farthest {
+    things: Vec<u16>,
+    floors: Vec<u16>,
+}
+
 /// The map and what is needed to fill it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Histogram {
@@ -107,6 +117,7 @@ pub(super) struct Histogram {
     counts: Vec<u16>,
     extents: Vec<Extent>,
     borders: Vec<u8>,
+    farthest: Farthest,
     /// Depths, m, of the pixels of one row of the image, 0 for nothing.
     depths: Vec<f32>,
     /// Cell, and elevation and part of a bin, of the pixels of one row of the image.
@@ -176,6 +187,7 @@ impl Histogram {
                 self.mark_border(0..width, BOTTOM);
             }
         }
+        self.farthest.find(&self.counts, self.stride, self.bins);
     }
 
     fn floor_rows(&self) -> usize {
@@ -284,22 +296,44 @@ impl Histogram {
 
     /// Depth, m, up to which a column is seen: of the farthest floor or thing; infinite where
     /// something lies beyond the map, `None` where nothing came back.
-    pub fn seen_m(&self, column: usize, pixels: u16) -> Option<f64> {
-        let seen = |row: usize| self.counts[row * self.stride + column] >= pixels;
-        if seen(self.bins) {
+    pub fn seen_m(&self, column: usize) -> Option<f64> {
+        let thing = usize::from(self.farthest.things[column]);
+        if thing == self.bins {
             return Some(f64::INFINITY);
         }
         let coarse_m = FLOOR_BINS as f64 * self.bin_m;
-        let floor = (0..self.floor_rows())
-            .rev()
-            .find(|row| seen(self.bins + 1 + row));
-        let floor_m = floor.map(|row| row as f64 * coarse_m);
+        let floor = self.farthest.floors[column].checked_sub(1);
+        let floor_m = floor.map(|row| f64::from(row) * coarse_m);
         let nearest = floor_m
             .map_or(1, |floor_m| (floor_m / self.bin_m) as usize)
             .max(1);
-        let thing = (nearest..self.bins).rev().find(|bin| seen(*bin));
-        let thing_m = thing.map(|bin| bin as f64 * self.bin_m);
+        let thing_m = (thing >= nearest).then_some(thing as f64 * self.bin_m);
         thing_m.or(floor_m)
+    }
+}
+
+impl Farthest {
+    fn find(&mut self, counts: &[u16], stride: usize, bins: usize) {
+        for numbers in [&mut self.things, &mut self.floors] {
+            numbers.clear();
+            numbers.resize(stride, 0);
+        }
+        for (row, counts) in counts.chunks_exact(stride).enumerate().skip(1) {
+            if row <= bins {
+                mark(&mut self.things, counts, row as u16);
+            } else {
+                mark(&mut self.floors, counts, (row - bins) as u16);
+            }
+        }
+    }
+}
+
+/// Sets the number of a row where it holds enough. A function of its own, as
+/// [`Projection::cells`].
+#[inline(never)]
+fn mark(numbers: &mut [u16], counts: &[u16], number: u16) {
+    for (held, count) in numbers.iter_mut().zip(counts) {
+        *held = if *count >= SEEN_PIXELS { number } else { *held };
     }
 }
 
