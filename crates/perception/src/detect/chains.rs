@@ -45,6 +45,8 @@ pub(super) struct Chains {
 #[derive(Clone, Copy, Debug)]
 struct Node {
     surface: Surface,
+    /// Columns to the farthest one that may continue it.
+    reach: usize,
     next: u32,
     is_head: bool,
 }
@@ -59,11 +61,12 @@ impl Chains {
             self.nodes
                 .extend(columns.of(column).iter().map(|surface| Node {
                     surface: *surface,
+                    reach: reach(surface, level, config),
                     next: NONE,
                     is_head: true,
                 }));
             self.link_column(first, level, config);
-            self.drop_ended(column, level, config);
+            self.drop_ended(column);
             self.open.extend(first as u32..self.nodes.len() as u32);
         }
         self.collect(level, config);
@@ -75,7 +78,7 @@ impl Chains {
             let mut best: Option<(f64, usize, usize)> = None;
             for node in (first..self.nodes.len()).filter(|node| self.nodes[*node].is_head) {
                 for (place, end) in self.open.iter().enumerate() {
-                    let end = &self.nodes[*end as usize].surface;
+                    let end = &self.nodes[*end as usize];
                     let Some(step_m) = step(end, &self.nodes[node].surface, level, config) else {
                         continue;
                     };
@@ -94,11 +97,11 @@ impl Chains {
     }
 
     /// Drops open ends from which no gap reaches the next column.
-    fn drop_ended(&mut self, column: usize, level: &Level, config: &DetectorConfig) {
+    fn drop_ended(&mut self, column: usize) {
         let nodes = &self.nodes;
         self.open.retain(|end| {
-            let surface = &nodes[*end as usize].surface;
-            column < surface.column + reach(surface, level, config)
+            let node = &nodes[*end as usize];
+            column < node.surface.column + node.reach
         });
     }
 
@@ -126,15 +129,18 @@ fn reach(surface: &Surface, level: &Level, config: &DetectorConfig) -> usize {
 
 /// Difference of depth, m, of two surfaces of neighbouring columns that may be one; `None` where
 /// they may not.
-fn step(left: &Surface, right: &Surface, level: &Level, config: &DetectorConfig) -> Option<f64> {
+fn step(left: &Node, right: &Surface, level: &Level, config: &DetectorConfig) -> Option<f64> {
+    let (reach, left) = (left.reach, &left.surface);
     let columns = right.column - left.column;
-    if columns > reach(left, level, config) {
+    if columns > reach {
         return None;
     }
     let width_m = columns as f64 * left.support.depth_m / level.columns_per_tan;
-    let noise_m = NOISE_SIGMAS * (left.variance_m2 + right.variance_m2).sqrt();
+    let noise_m = || NOISE_SIGMAS * (left.variance_m2 + right.variance_m2).sqrt();
     let step_m = (right.support.depth_m - left.support.depth_m).abs();
-    (step_m <= config.step_m + STEEPEST * width_m + noise_m).then_some(step_m)
+    let slope_m = config.step_m + STEEPEST * width_m;
+    // Most steps are small enough without the noise, whose root takes time.
+    (step_m <= slope_m || step_m <= slope_m + noise_m()).then_some(step_m)
 }
 
 fn point(surface: Surface, level: &Level, config: &DetectorConfig) -> Point {
