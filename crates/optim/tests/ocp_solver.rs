@@ -35,6 +35,7 @@ fn problem(ellipsoids: Vec<Ellipsoid>) -> Mover {
 fn precise() -> OcpSettings {
     OcpSettings {
         max_iterations: 100,
+        max_newton_steps: 10_000,
         tolerance: 1e-6,
         qp: StageQpSettings {
             tolerance: 1e-9,
@@ -235,6 +236,38 @@ fn more_iterations_never_cost_more() {
             last = report.cost;
         }
     }
+}
+
+#[test]
+fn newton_steps_are_bounded_over_a_whole_solve() {
+    let (problem, from) = (problem(vec![still(1.5, 0.2)]), start(0.0, 0.0));
+    for max_newton_steps in [0, 1, 7, 30] {
+        let settings = OcpSettings {
+            max_newton_steps,
+            ..precise()
+        };
+        let (_, report) = solve_cold(&problem, &from, settings);
+        assert_eq!(report.qp_iterations, max_newton_steps);
+        assert_eq!(report.exit, OcpExit::IterationLimit);
+        assert!(report.cost.is_finite());
+    }
+}
+
+/// With one Newton step a subproblem whose bounds act is never solved.
+#[test]
+fn a_subproblem_that_was_not_solved_is_no_convergence() {
+    let (problem, from) = (problem(vec![still(1.5, 0.2)]), start(0.0, 0.0));
+    let hasty = OcpSettings {
+        // Any step would be small enough.
+        tolerance: 1e3,
+        qp: StageQpSettings {
+            max_iterations: 1,
+            ..StageQpSettings::default()
+        },
+        ..OcpSettings::default()
+    };
+    let (_, report) = solve_cold(&problem, &from, hasty);
+    assert_ne!(report.exit, OcpExit::Converged, "{report:?}");
 }
 
 #[test]

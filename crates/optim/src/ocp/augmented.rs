@@ -51,13 +51,7 @@ pub(super) fn soft(
     value: f64,
 ) -> Response {
     let push = prior - stiffness * value;
-    if push <= 0.0 {
-        Response::default()
-    } else if push <= linear {
-        kink(stiffness, push)
-    } else {
-        violated(linear, quadratic, stiffness, push)
-    }
+    soft_piece(push, linear, quadratic, stiffness, push)
 }
 
 /// The piece on which the multiplier `prior` lies, at a value that need not lie on it.
@@ -68,32 +62,29 @@ pub(super) fn soft_of(
     prior: f64,
     value: f64,
 ) -> Response {
-    let push = prior - stiffness * value;
-    if prior <= 0.0 {
+    soft_piece(
+        prior,
+        linear,
+        quadratic,
+        stiffness,
+        prior - stiffness * value,
+    )
+}
+
+/// The piece on which the multiplier `on` lies, with `push` where the stiffness alone pushes.
+#[inline(always)]
+fn soft_piece(on: f64, linear: f64, quadratic: f64, stiffness: f64, push: f64) -> Response {
+    if on <= 0.0 {
         Response::default()
-    } else if prior < linear {
-        kink(stiffness, push)
+    } else if on < linear {
+        at(Piece::Kink, stiffness, push)
     } else {
-        violated(linear, quadratic, stiffness, push)
-    }
-}
-
-#[inline(always)]
-fn kink(stiffness: f64, push: f64) -> Response {
-    Response {
-        piece: Piece::Kink,
-        multiplier: push,
-        curvature: stiffness,
-    }
-}
-
-#[inline(always)]
-fn violated(linear: f64, quadratic: f64, stiffness: f64, push: f64) -> Response {
-    let share = 2.0 * quadratic / (stiffness + 2.0 * quadratic);
-    Response {
-        piece: Piece::Violated,
-        multiplier: linear + share * (push - linear),
-        curvature: stiffness * share,
+        let share = 2.0 * quadratic / (stiffness + 2.0 * quadratic);
+        at(
+            Piece::Violated,
+            stiffness * share,
+            linear + share * (push - linear),
+        )
     }
 }
 

@@ -104,9 +104,9 @@ impl Default for StageQpSettings {
     fn default() -> Self {
         Self {
             max_iterations: 60,
-            tolerance: 1e-7,
-            bound_stiffness: 1e4,
-            kink_stiffness: 1e3,
+            tolerance: 1e-6,
+            bound_stiffness: 1e2,
+            kink_stiffness: 1e1,
         }
     }
 }

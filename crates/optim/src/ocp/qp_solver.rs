@@ -107,6 +107,12 @@ impl<const NX: usize, const NU: usize> StageQpSolver<NX, NU> {
     ///
     /// The point lands in [`Self::states`] and [`Self::inputs`].
     pub fn solve(&mut self, qp: &StageQp<NX, NU>) -> StageQpReport {
+        self.solve_within(qp, self.settings.max_iterations)
+    }
+
+    /// As [`Self::solve`], in at most so many Newton steps; one is always taken.
+    pub fn solve_within(&mut self, qp: &StageQp<NX, NU>, newton_steps: u32) -> StageQpReport {
+        let most = newton_steps.min(self.settings.max_iterations);
         self.start(qp);
         let (mut iterations, mut factorisations) = (1, 1);
         self.factor(qp);
@@ -132,7 +138,7 @@ impl<const NX: usize, const NU: usize> StageQpSolver<NX, NU> {
                 self.take_multipliers();
                 stale |= self.respond(qp);
             }
-            if iterations >= self.settings.max_iterations {
+            if iterations >= most {
                 break StageQpExit::IterationLimit { residual };
             }
             if stale {

@@ -27,6 +27,8 @@ const MAX_CONTRACTION: f64 = 0.9;
 pub struct OcpSettings {
     /// Greatest number of subproblems in a solve.
     pub max_iterations: u32,
+    /// Greatest number of Newton steps in all subproblems of a solve, which bounds its time.
+    pub max_newton_steps: u32,
     /// Distance of the inputs from a stationary point that counts as none, as a share of the width
     /// of their bounds in the first interval (of 1 for an input without bounds), and gap of the
     /// dynamics, relative to `1 + |x|`, that counts as none in the start.
@@ -39,6 +41,7 @@ impl Default for OcpSettings {
     fn default() -> Self {
         Self {
             max_iterations: 15,
+            max_newton_steps: 120,
             tolerance: 1e-3,
             qp: StageQpSettings::default(),
         }
@@ -50,7 +53,7 @@ impl Default for OcpSettings {
 pub enum OcpExit {
     /// The trajectory is stationary to the tolerance.
     Converged,
-    /// The iterations ran out; the trajectory is the best that was found.
+    /// The iterations or the Newton steps ran out; the trajectory is the best that was found.
     IterationLimit,
     /// No step along the subproblem's solution lowers the cost; the trajectory is the best that
     /// was found.
@@ -121,7 +124,7 @@ impl Progress {
 #[derive(Clone, Copy, Debug)]
 struct Direction {
     is_accelerated: bool,
-    /// After it, nothing of note is left.
+    /// After it, nothing of note is left: it ends at the solution of a subproblem that was solved.
     is_last: bool,
     /// The subproblem was solved to its end.
     is_solved: bool,
@@ -260,11 +263,15 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> {
         let mut is_flown = false;
         self.acceleration.forget();
         while progress.iterations < self.settings.max_iterations {
+            let newton_steps = self.settings.max_newton_steps - progress.qp_iterations;
+            if newton_steps == 0 {
+                break;
+            }
             progress.iterations += 1;
             let Some(gap) = self.linearise(problem) else {
                 return OcpExit::NotFinite;
             };
-            let report = self.qp_solver.solve(&self.qp);
+            let report = self.qp_solver.solve_within(&self.qp, newton_steps);
             progress.qp_iterations += report.iterations;
             if report.exit == StageQpExit::NotFinite {
                 return OcpExit::NotFinite;
@@ -272,11 +279,12 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> {
             is_flown |= gap <= ROUNDING;
             let is_accelerated = is_flown && self.accelerate();
             progress.measure(self.step_size(is_accelerated));
-            let is_last = progress.distance <= self.settings.tolerance;
+            let is_solved = report.exit == StageQpExit::Converged;
+            let is_last = is_solved && progress.distance <= self.settings.tolerance;
             let direction = Direction {
                 is_accelerated,
                 is_last,
-                is_solved: report.exit == StageQpExit::Converged,
+                is_solved,
             };
             let exit = if is_flown {
                 self.descend(problem, direction)
