@@ -5,7 +5,7 @@
 
 mod ocp_support;
 
-use alula_optim::ocp::{StageQp, StageQpExit, StageQpReport, StageQpSettings, StageQpSolver};
+use alula_optim::ocp::{Riccati, StageQp, StageQpExit, StageQpReport, StageQpSettings, StageQpSolver};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
     DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus,
@@ -305,6 +305,31 @@ fn without_bounds_the_input_is_the_linear_quadratic_regulators() {
     assert!(residual.amax() < 1e-10, "{residual}");
     let expected = -inverse * cross * qp.initial;
     assert!((solver.inputs()[0] - expected).amax() < 1e-10);
+}
+
+#[test]
+fn a_recursion_that_begins_where_something_changed_is_the_whole_one() {
+    let qp = random_qp::<6, 3>(&mut Numbers(5), 12, 0, 0.1);
+    // What stands for a constraint at a point and for a bound in an interval.
+    let factor = |riccati: &mut Riccati<6, 3>, from: usize, changed: usize, by: f64| {
+        riccati.refactor(
+            from,
+            &qp.steps,
+            &qp.costs,
+            |k, xx| xx[(0, 0)] += if k == changed { by } else { 0.0 },
+            |k| SVector::repeat(if k == changed { by } else { 0.0 }),
+        );
+    };
+    for changed in 0..=12 {
+        let (mut part, mut whole) = (Riccati::new(12), Riccati::new(12));
+        factor(&mut part, 12, changed, 0.0);
+        factor(&mut part, changed, changed, 3.0);
+        factor(&mut whole, 12, changed, 3.0);
+        assert_eq!(part.curvature(), whole.curvature());
+        for k in 0..12 {
+            assert_eq!(part.gain_transposed(k), whole.gain_transposed(k));
+        }
+    }
 }
 
 #[test]

@@ -115,12 +115,12 @@ impl<const NX: usize, const NU: usize> StageQpSolver<NX, NU> {
         let most = newton_steps.min(self.settings.max_iterations);
         self.start(qp);
         let (mut iterations, mut factorisations) = (1, 1);
-        self.factor(qp);
+        self.factor(qp, qp.intervals());
         self.newton(qp);
         self.adopt();
         self.set_values(qp);
         let mut stale = self.respond(qp);
-        let mut settled = !stale;
+        let mut settled = stale.is_none();
         let mut last_residual = f64::INFINITY;
         let exit = loop {
             if !self.is_finite() {
@@ -136,13 +136,13 @@ impl<const NX: usize, const NU: usize> StageQpSolver<NX, NU> {
                 }
                 last_residual = residual;
                 self.take_multipliers();
-                stale |= self.respond(qp);
+                stale = stale.max(self.respond(qp));
             }
             if iterations >= most {
                 break StageQpExit::IterationLimit { residual };
             }
-            if stale {
-                self.factor(qp);
+            if let Some(point) = stale {
+                self.factor(qp, point);
                 factorisations += 1;
             }
             self.newton(qp);
@@ -150,7 +150,7 @@ impl<const NX: usize, const NU: usize> StageQpSolver<NX, NU> {
             let (step, largest) = self.advance(qp);
             stale = self.respond(qp);
             let tiny = largest <= STEP_SHARE * self.settings.tolerance;
-            settled = tiny || (step >= 1.0 && !stale);
+            settled = tiny || (step >= 1.0 && stale.is_none());
         };
         if exit == StageQpExit::NotFinite {
             self.forget();
@@ -202,32 +202,38 @@ impl<const NX: usize, const NU: usize> StageQpSolver<NX, NU> {
         *self = Self::new(intervals, room, self.settings);
     }
 
-    /// Sets multipliers and curvatures of all pieces; whether a piece changed.
-    fn respond(&mut self, qp: &StageQp<NX, NU>) -> bool {
-        let mut changed = false;
-        let mut set = |held: &mut Held, response: Response| {
-            changed |= !held.response.is_alike(&response);
+    /// Sets multipliers and curvatures of all pieces; the last point where a piece changed.
+    fn respond(&mut self, qp: &StageQp<NX, NU>) -> Option<usize> {
+        let mut changed = None;
+        let mut set = |point: usize, held: &mut Held, response: Response| {
+            if !held.response.is_alike(&response) {
+                changed = changed.max(Some(point));
+            }
             held.response = response;
         };
-        for (held, (lower, upper)) in self.bounds.iter_mut().zip(&qp.bounds) {
+        let bounds = self.bounds.iter_mut().zip(&qp.bounds);
+        for (k, (held, (lower, upper))) in bounds.enumerate() {
             for i in 0..NU {
                 let h = &mut held[i];
                 let response = bound(lower[i], upper[i], h.stiffness, h.prior, h.value);
-                set(h, response);
+                set(k, h, response);
             }
         }
-        for (rows, constraints) in self.rows.iter_mut().zip(&qp.constraints).skip(1) {
+        let rows = self.rows.iter_mut().zip(&qp.constraints);
+        for (k, (rows, constraints)) in rows.enumerate().skip(1) {
             for (h, row) in rows.iter_mut().zip(constraints) {
                 let response = soft(row.linear, row.quadratic, h.stiffness, h.prior, h.value);
-                set(h, response);
+                set(k, h, response);
             }
         }
         changed
     }
 
-    fn factor(&mut self, qp: &StageQp<NX, NU>) {
+    /// Factors what changed up to a point; nothing may have changed beyond it.
+    fn factor(&mut self, qp: &StageQp<NX, NU>, point: usize) {
         let (rows, bounds) = (&self.rows, &self.bounds);
-        self.riccati.factor(
+        self.riccati.refactor(
+            point,
             &qp.steps,
             &qp.costs,
             |k, xx| {

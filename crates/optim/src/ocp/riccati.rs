@@ -13,6 +13,8 @@ const PIVOT_LIFT: f64 = 1e-4;
 /// Factor of one interval.
 #[derive(Clone, Debug)]
 struct Interval<const NX: usize, const NU: usize> {
+    /// Curvature of the cost to go after the interval.
+    after: SMatrix<f64, NX, NX>,
     /// Cholesky factor (lower) of the curvature in the input, with reciprocal diagonal.
     chol: SMatrix<f64, NU, NU>,
     /// Feedback, transposed.
@@ -37,6 +39,7 @@ impl<const NX: usize, const NU: usize> Riccati<NX, NU> {
     /// Memory for a horizon.
     pub fn new(intervals: usize) -> Self {
         let interval = Interval {
+            after: SMatrix::zeros(),
             chol: SMatrix::zeros(),
             gain_t: SMatrix::zeros(),
             carried: SVector::zeros(),
@@ -74,13 +77,30 @@ impl<const NX: usize, const NU: usize> Riccati<NX, NU> {
         &mut self,
         steps: &[Step<NX, NU>],
         costs: &[StageCost<NX, NU>],
+        xx_more: impl FnMut(usize, &mut SMatrix<f64, NX, NX>),
+        uu_more: impl FnMut(usize) -> SVector<f64, NU>,
+    ) {
+        self.refactor(self.intervals.len(), steps, costs, xx_more, uu_more);
+    }
+
+    /// As [`Self::factor`], where nothing beyond point `from` is other than it was at the last
+    /// factorisation: the recursion begins there.
+    pub fn refactor(
+        &mut self,
+        from: usize,
+        steps: &[Step<NX, NU>],
+        costs: &[StageCost<NX, NU>],
         mut xx_more: impl FnMut(usize, &mut SMatrix<f64, NX, NX>),
         mut uu_more: impl FnMut(usize) -> SVector<f64, NU>,
     ) {
         let last = self.intervals.len();
-        self.curvature = costs[last].xx;
-        xx_more(last, &mut self.curvature);
-        for k in (0..last).rev() {
+        if from < last {
+            self.curvature = self.intervals[from].after;
+        } else {
+            self.curvature = costs[last].xx;
+            xx_more(last, &mut self.curvature);
+        }
+        for k in (0..last.min(from + 1)).rev() {
             let mut xx = costs[k].xx;
             if k > 0 {
                 xx_more(k, &mut xx);
@@ -104,6 +124,7 @@ impl<const NX: usize, const NU: usize> Riccati<NX, NU> {
         mut uu: SMatrix<f64, NU, NU>,
     ) {
         let interval = &mut self.intervals[k];
+        interval.after = self.curvature;
         interval.carried = SVector::zeros();
         add_times(&mut interval.carried, &self.curvature, &step.next);
 
