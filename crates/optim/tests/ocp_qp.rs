@@ -5,7 +5,9 @@
 
 mod ocp_support;
 
-use alula_optim::ocp::{Riccati, StageQp, StageQpExit, StageQpReport, StageQpSettings, StageQpSolver};
+use alula_optim::ocp::{
+    Riccati, StageQp, StageQpExit, StageQpReport, StageQpSettings, StageQpSolver,
+};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
     DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus,

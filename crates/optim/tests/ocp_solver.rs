@@ -241,7 +241,7 @@ fn more_iterations_never_cost_more() {
 #[test]
 fn newton_steps_are_bounded_over_a_whole_solve() {
     let (problem, from) = (problem(vec![still(1.5, 0.2)]), start(0.0, 0.0));
-    for max_newton_steps in [0, 1, 7, 30] {
+    for max_newton_steps in [0, 1, 7, 15] {
         let settings = OcpSettings {
             max_newton_steps,
             ..precise()
@@ -253,11 +253,12 @@ fn newton_steps_are_bounded_over_a_whole_solve() {
     }
 }
 
-/// With one Newton step a subproblem whose bounds act is never solved.
+/// With one Newton step a subproblem whose bounds act is not solved.
 #[test]
 fn a_subproblem_that_was_not_solved_is_no_convergence() {
     let (problem, from) = (problem(vec![still(1.5, 0.2)]), start(0.0, 0.0));
     let hasty = OcpSettings {
+        max_iterations: 1,
         // Any step would be small enough.
         tolerance: 1e3,
         qp: StageQpSettings {

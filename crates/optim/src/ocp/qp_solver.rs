@@ -86,6 +86,20 @@ impl<const NX: usize, const NU: usize> StageQpSolver<NX, NU> {
         self.rows[k][i].response.multiplier
     }
 
+    /// What the solution costs too little because inputs exceed their bounds by what the tolerance
+    /// allows.
+    pub(super) fn saved_beyond_bounds(&self, qp: &StageQp<NX, NU>) -> f64 {
+        let mut saved = 0.0;
+        for (held, (lower, upper)) in self.bounds.iter().zip(&qp.bounds) {
+            for i in 0..NU {
+                let h = &held[i];
+                let excess = (h.value - upper[i]).max(lower[i] - h.value).max(0.0);
+                saved += h.response.multiplier.abs() * excess;
+            }
+        }
+        saved
+    }
+
     /// Forgets the multipliers.
     pub fn forget(&mut self) {
         for held in self.all_held_mut() {

@@ -41,9 +41,14 @@ impl Default for OcpSettings {
     fn default() -> Self {
         Self {
             max_iterations: 15,
-            max_newton_steps: 120,
+            max_newton_steps: 100,
             tolerance: 1e-3,
-            qp: StageQpSettings::default(),
+            // What a subproblem leaves undone, the next one goes on with from a better point.
+            qp: StageQpSettings {
+                max_iterations: 12,
+                tolerance: 1e-5,
+                ..StageQpSettings::default()
+            },
         }
     }
 }
@@ -429,7 +434,8 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> {
         step: Direction,
     ) -> Option<OcpExit> {
         let (dx, du) = (self.qp_solver.states(), self.qp_solver.inputs());
-        let promised = self.best.cost - self.qp.objective(dx, du);
+        let saved = self.qp_solver.saved_beyond_bounds(&self.qp);
+        let promised = self.best.cost - self.qp.objective(dx, du) - saved;
         let is_flat = step.is_solved && promised <= FLAT * (1.0 + self.best.cost.abs());
         if step.is_accelerated {
             self.try_accelerated(problem);
@@ -449,6 +455,11 @@ impl<const NX: usize, const NU: usize> OcpSolver<NX, NU> {
                 return Some(OcpExit::Converged);
             }
             share *= 0.5;
+        }
+        if !step.is_solved {
+            // The subproblem is gone on with at the same point.
+            self.acceleration.forget();
+            return None;
         }
         Some(OcpExit::NoProgress { promised })
     }
