@@ -11,7 +11,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
 use alula_messages::{Fallback, FlightMode};
-use support::{Step, flight, replay, replayed};
+use support::{AMONG_PEOPLE, RATE_HZ, Step, flight, fly, replay, replayed};
 
 thread_local! {
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
@@ -101,4 +101,32 @@ fn a_guard_that_acts_allocates_nothing() {
         gravest = gravest.max(output.guard.fallback);
     }
     assert!(gravest >= Fallback::Land);
+}
+
+/// From images to plans: once every part has met what it has to keep, nothing asks for memory.
+#[test]
+fn flight_among_obstacles_allocates_nothing_once_it_is_warm() {
+    const WARM_UP: usize = 2 * RATE_HZ;
+    let (mut on_the_way, mut images, mut plans) = (0, 0, 0);
+    fly(AMONG_PEOPLE, |stack, batch| {
+        let before = stack.output().mode;
+        let found = allocations(|| {
+            stack.update(batch);
+        });
+        let output = stack.output();
+        if before != FlightMode::Flying || output.mode != before {
+            return;
+        }
+        on_the_way += 1;
+        if on_the_way > WARM_UP {
+            assert_eq!(found, 0, "at {}", output.time);
+            images += usize::from(output.seen_at.is_some());
+            plans += usize::from(output.plan.is_some());
+        }
+    });
+    // Two seconds of images at 15 Hz and of plans every 60 ms at the least.
+    assert!(
+        images >= 30 && plans >= 30,
+        "{images} images, {plans} plans"
+    );
 }

@@ -1,7 +1,7 @@
-//! The first flight, step by step, for tests and benchmarks.
+//! Flights of scenarios, step by step, for tests and benchmarks.
 
 // Each of its users needs a part of it.
-#![allow(dead_code, clippy::unwrap_used)]
+#![allow(dead_code, clippy::unwrap_used, clippy::panic)]
 
 use std::sync::Arc;
 
@@ -13,6 +13,11 @@ use alula_sim::{SimulatedVehicle, VehicleSetup};
 use alula_stack::{Stack, StackConfig};
 use nalgebra::Vector3;
 use serde::de::DeserializeOwned;
+
+/// The scenario that flies blind through waypoints.
+pub const FIRST_FLIGHT: &str = include_str!("../../../../scenarios/first-flight.toml");
+/// The scenario that flies among people and pillars by depth images.
+pub const AMONG_PEOPLE: &str = include_str!("../../../../scenarios/among-people.toml");
 
 /// Steps per second.
 pub const RATE_HZ: usize = 250;
@@ -34,16 +39,20 @@ pub struct Step {
     pub output: StackOutput,
 }
 
-/// The configuration of the scenario's stack.
+/// The configuration of the first flight's stack.
 pub fn stack_config() -> StackConfig {
-    part(&["stack"])
+    part(FIRST_FLIGHT, &["stack"])
 }
 
-/// A flight of the scenario without depth camera, from the ground to the ground.
+/// The first flight without depth camera, from the ground to the ground.
 pub fn flight() -> Vec<Step> {
     let mut stack = Stack::new(&stack_config()).unwrap();
-    let mut vehicle = vehicle();
-    let mut pilot = Pilot::default();
+    let sensors = SensorSuiteConfig {
+        depth: None,
+        ..part(FIRST_FLIGHT, &["simulation", "sensors"])
+    };
+    let mut vehicle = vehicle(FIRST_FLIGHT, sensors);
+    let mut pilot = Pilot::of(FIRST_FLIGHT);
     let mut batch = SensorBatch::default();
     let mut steps = Vec::new();
     while !pilot.has_landed && steps.len() < MAX_STEPS {
@@ -62,6 +71,27 @@ pub fn flight() -> Vec<Step> {
     }
     assert!(pilot.has_landed, "the flight did not end");
     steps
+}
+
+/// A flight of a scenario with all its sensors. `each` takes the steps of the stack: it must have
+/// the stack look at the batch.
+pub fn fly(scenario: &'static str, mut each: impl FnMut(&mut Stack, &SensorBatch)) {
+    let mut stack = Stack::new(&part(scenario, &["stack"])).unwrap();
+    let mut vehicle = vehicle(scenario, part(scenario, &["simulation", "sensors"]));
+    let mut pilot = Pilot::of(scenario);
+    let mut batch = SensorBatch::default();
+    for _ in 0..MAX_STEPS {
+        if let Some(intent) = pilot.next(stack.output()) {
+            stack.request(intent);
+        }
+        vehicle.sense(&mut batch).unwrap();
+        each(&mut stack, &batch);
+        vehicle.command(&stack.output().command).unwrap();
+        if pilot.has_landed {
+            return;
+        }
+    }
+    panic!("the flight did not end");
 }
 
 /// The same stack, fed with the same data up to step `end`.
@@ -87,15 +117,24 @@ pub fn first_step_of_waypoints(steps: &[Step]) -> usize {
     steps.iter().position(flying).unwrap() + 1
 }
 
-/// Makes the requests of the scenario's mission.
-#[derive(Default)]
+/// Makes the requests of a scenario's mission.
 struct Pilot {
+    scenario: &'static str,
     hovered_steps: usize,
     has_flown: bool,
     has_landed: bool,
 }
 
 impl Pilot {
+    fn of(scenario: &'static str) -> Self {
+        Self {
+            scenario,
+            hovered_steps: 0,
+            has_flown: false,
+            has_landed: false,
+        }
+    }
+
     fn next(&mut self, output: &StackOutput) -> Option<Intent> {
         match output.mode {
             FlightMode::Disarmed if self.has_flown => {
@@ -106,7 +145,7 @@ impl Pilot {
                 (output.state.health == EstimateHealth::Good).then_some(Intent::Arm)
             }
             FlightMode::Armed => Some(Intent::TakeOff {
-                height_m: part(&["mission", "take_off_height_m"]),
+                height_m: part(self.scenario, &["mission", "take_off_height_m"]),
             }),
             FlightMode::Hovering => self.leave_the_hover(),
             _ => None,
@@ -122,32 +161,28 @@ impl Pilot {
         if std::mem::replace(&mut self.has_flown, true) {
             return Some(Intent::Land);
         }
-        let waypoints: Vec<[f64; 3]> = part(&["mission", "waypoints_m"]);
+        let waypoints: Vec<[f64; 3]> = part(self.scenario, &["mission", "waypoints_m"]);
         Some(Intent::Fly {
             waypoints_world: waypoints.into_iter().map(Vector3::from).collect(),
         })
     }
 }
 
-fn vehicle() -> SimulatedVehicle {
-    let name: String = part(&["simulation", "preset"]);
+fn vehicle(scenario: &str, sensors: SensorSuiteConfig) -> SimulatedVehicle {
+    let name: String = part(scenario, &["simulation", "preset"]);
     let setup = VehicleSetup {
-        sensors: SensorSuiteConfig {
-            depth: None,
-            ..part(&["simulation", "sensors"])
-        },
-        wind: part(&["simulation", "wind"]),
+        sensors,
+        wind: part(scenario, &["simulation", "wind"]),
         ..VehicleSetup::new(preset(&name).unwrap())
     };
     let assets = |name: &str| Err(format!("there is no `{name}`"));
-    let world = World::new(&part(&["world"]), 1, &assets).unwrap();
+    let world = World::new(&part(scenario, &["world"]), 1, &assets).unwrap();
     SimulatedVehicle::new(Arc::new(world), &setup, 1).unwrap()
 }
 
-/// A part of the scenario.
-fn part<T: DeserializeOwned>(keys: &[&str]) -> T {
-    const SCENARIO: &str = include_str!("../../../../scenarios/first-flight.toml");
-    let root: toml::Value = toml::from_str(SCENARIO).unwrap();
+/// A part of a scenario.
+fn part<T: DeserializeOwned>(scenario: &str, keys: &[&str]) -> T {
+    let root: toml::Value = toml::from_str(scenario).unwrap();
     let value = keys.iter().fold(&root, |value, key| &value[*key]);
     value.clone().try_into().unwrap()
 }
