@@ -7,13 +7,13 @@ use alula_geometry::so3;
 use alula_messages::{Detection, PixelBox};
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use super::DetectorConfig;
 use super::chains::{Chains, Point};
 use super::fit::Line;
 use super::histogram::{self, LEFT, RIGHT};
 use super::level::Level;
 use super::shape::{self, End, Front, Shape};
 use super::split::Splitter;
+use super::{DetectorConfig, empty};
 
 /// Pixels by which the lowest row of a thing may miss the floor: rows are skipped, and the last one
 /// may see both.
@@ -48,6 +48,10 @@ impl Boxes {
         config: &DetectorConfig,
         detections: &mut Vec<Detection>,
     ) {
+        let most = chains.points.capacity();
+        empty(&mut self.bounds, most);
+        empty(&mut self.points, most);
+        self.splitter.reserve(most);
         self.group(chains, config);
         for group in 0..self.bounds.len() {
             self.gather(group, chains);
@@ -59,7 +63,6 @@ impl Boxes {
 
     /// Joins compact chains that touch, as long as they remain compact together.
     fn group(&mut self, chains: &Chains, config: &DetectorConfig) {
-        self.bounds.clear();
         for (group, chain) in chains.chains.iter().enumerate() {
             let mut own = Bounds::of(&chains.points[chain.clone()], group);
             for earlier in 0..group {

@@ -5,9 +5,9 @@ use std::ops::Range;
 
 use nalgebra::Vector2;
 
-use super::DetectorConfig;
-use super::columns::{Columns, Surface};
+use super::columns::{Columns, MOST_SURFACES, Surface};
 use super::level::Level;
+use super::{DetectorConfig, empty};
 
 /// Steepest slope of a surface, depth over width: a wall seen at 11 degrees.
 const STEEPEST: f64 = 5.0;
@@ -33,8 +33,6 @@ pub(super) struct Point {
 pub(super) struct Chains {
     /// Next surface of the chain, by place in the columns' memory.
     nodes: Vec<Node>,
-    /// First node of each column.
-    firsts: Vec<usize>,
     /// Nodes with which a chain ends so far.
     open: Vec<u32>,
     /// Points of all chains, each from left to right.
@@ -53,9 +51,11 @@ struct Node {
 
 impl Chains {
     pub fn link(&mut self, columns: &Columns, level: &Level, config: &DetectorConfig) {
-        self.nodes.clear();
-        self.firsts.clear();
-        self.open.clear();
+        let most = level.most_columns * MOST_SURFACES;
+        empty(&mut self.nodes, most);
+        empty(&mut self.open, most);
+        empty(&mut self.points, most);
+        empty(&mut self.chains, most);
         for column in 0..columns.len() {
             let first = self.nodes.len();
             self.nodes
@@ -106,8 +106,6 @@ impl Chains {
     }
 
     fn collect(&mut self, level: &Level, config: &DetectorConfig) {
-        self.points.clear();
-        self.chains.clear();
         for head in (0..self.nodes.len()).filter(|node| self.nodes[*node].is_head) {
             let from = self.points.len();
             let mut node = head as u32;

@@ -1,8 +1,8 @@
 //! Points of interest (document L, equation 5-1): surfaces that stand in one column of the map.
 
-use super::DetectorConfig;
 use super::histogram::{Histogram, Support};
 use super::level::Level;
+use super::{DetectorConfig, empty};
 
 /// Half width of the window in which counts are summed, in standard deviations of the noise: it
 /// holds 87 % of a surface.
@@ -96,11 +96,16 @@ impl Columns {
                 .push(threshold.clamp(FEWEST_PIXELS, most) as u16);
         }
         let padded = view.columns.next_multiple_of(8);
-        refill(&mut self.sums, padded);
-        refill(&mut self.before, padded);
-        refill(&mut self.present, padded);
-        refill(&mut self.starts, padded);
-        refill(&mut self.found, view.columns);
+        let most = level.most_columns.next_multiple_of(8);
+        refill(&mut self.sums, padded, most);
+        refill(&mut self.before, padded, most);
+        refill(&mut self.present, padded, most);
+        refill(&mut self.starts, padded, most);
+        refill(&mut self.found, view.columns, most);
+        let most = most * MOST_SURFACES;
+        if self.surfaces.capacity() < most {
+            empty(&mut self.surfaces, most);
+        }
         self.surfaces
             .resize(view.columns * MOST_SURFACES, Surface::default());
     }
@@ -160,8 +165,8 @@ fn eight(flags: &[u8], from: usize) -> u64 {
     u64::from_ne_bytes(bytes)
 }
 
-fn refill<T: Clone + Default>(values: &mut Vec<T>, length: usize) {
-    values.clear();
+fn refill<T: Clone + Default>(values: &mut Vec<T>, length: usize, most: usize) {
+    empty(values, most);
     values.resize(length, T::default());
 }
 

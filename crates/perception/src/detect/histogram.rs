@@ -4,8 +4,8 @@
 use alula_messages::{Cut, DepthImage};
 use nalgebra::Vector3;
 
-use super::DetectorConfig;
 use super::level::{LEAST_AHEAD, Level};
+use super::{DetectorConfig, empty};
 
 /// Parts of a bin in which depths are summed.
 const PARTS: u32 = 64;
@@ -199,12 +199,18 @@ impl Histogram {
         self.stride = level.columns.next_multiple_of(8);
         self.tan_steps = (f64::from(HORIZON - 2.0) / level.steepest_tan) as f32;
         let cells = (self.bins + 1 + self.floor_rows()) * self.stride;
-        self.counts.clear();
+        let most_stride = level.most_columns.next_multiple_of(8);
+        let most = (self.bins + 1 + self.floor_rows()) * most_stride;
+        empty(&mut self.counts, most);
         self.counts.resize(cells, 0);
-        self.extents.clear();
+        empty(&mut self.extents, most);
         self.extents.resize(cells, Extent::default());
-        self.borders.clear();
+        empty(&mut self.borders, most);
         self.borders.resize(cells, 0);
+        for numbers in [&mut self.farthest.things, &mut self.farthest.floors] {
+            empty(numbers, most_stride);
+            numbers.resize(self.stride, 0);
+        }
     }
 
     fn projection(&self, level: &Level, config: &DetectorConfig) -> Projection {
@@ -314,10 +320,6 @@ impl Histogram {
 
 impl Farthest {
     fn find(&mut self, counts: &[u16], stride: usize, bins: usize) {
-        for numbers in [&mut self.things, &mut self.floors] {
-            numbers.clear();
-            numbers.resize(stride, 0);
-        }
         for (row, counts) in counts.chunks_exact(stride).enumerate().skip(1) {
             if row <= bins {
                 mark(&mut self.things, counts, row as u16);

@@ -34,6 +34,8 @@ pub(super) struct Level {
     pub first_tan: f64,
     /// Columns of the level view.
     pub columns: usize,
+    /// Columns that no attitude exceeds.
+    pub most_columns: usize,
     /// No elevation's tangent is larger.
     pub steepest_tan: f64,
 }
@@ -70,6 +72,7 @@ impl Level {
             columns_per_tan: camera.fx_px,
             first_tan: 0.0,
             columns: 0,
+            most_columns: 0,
             steepest_tan: 0.0,
         };
         level.span();
@@ -94,6 +97,9 @@ impl Level {
             low = tans.iter().copied().fold(f64::INFINITY, f64::min);
             high = tans.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         }
+        let longest = rays.iter().fold(0.0_f64, |most, ray| most.max(ray.norm()));
+        self.most_columns =
+            (2.0 * longest / LEAST_AHEAD * self.columns_per_tan).ceil() as usize + 1;
         self.first_tan = low;
         self.columns = ((high - low) * self.columns_per_tan).ceil() as usize + 1;
     }

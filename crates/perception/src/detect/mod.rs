@@ -28,6 +28,12 @@ pub use histogram::UDepth;
 use level::Level;
 pub use reduce::reduce;
 
+/// Empties a list and takes the memory that it needs at most, once.
+fn empty<T>(values: &mut Vec<T>, most: usize) {
+    values.clear();
+    values.reserve(most);
+}
+
 /// From where an image was taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
@@ -81,6 +87,7 @@ impl Detector {
             self.contour.rays.clear();
             return &self.detections;
         };
+        empty(&mut self.detections, level.most_columns);
         self.map.fill(image, &level, config);
         self.columns.find(&self.map, &level, config);
         self.chains.link(&self.columns, &level, config);

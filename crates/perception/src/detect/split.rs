@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
-use super::DetectorConfig;
 use super::chains::Point;
 use super::fit::Line;
+use super::{DetectorConfig, empty};
 
 /// Standard deviations of noise that a point may lie off its line.
 const NOISE_SIGMAS: f64 = 2.5;
@@ -18,6 +18,12 @@ pub(super) struct Splitter {
 }
 
 impl Splitter {
+    /// Takes the memory for the parts of so many points.
+    pub fn reserve(&mut self, points: usize) {
+        empty(&mut self.open, points);
+        empty(&mut self.parts, points);
+    }
+
     /// Finds the straight parts of the points of a chain.
     pub fn split(&mut self, points: &[Point], config: &DetectorConfig) {
         self.parts.clear();
