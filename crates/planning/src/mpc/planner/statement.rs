@@ -175,6 +175,9 @@ pub(super) fn blank_problem(config: &PredictiveConfig, dynamics: TiltDynamics) -
         velocity_bound: None,
         height_band: None,
         view: None,
-        stages: vec![Stage::with_capacity(PLAN_OBSTACLES); PLAN_POINTS],
+        // Copies of an empty list would come without its room.
+        stages: (0..PLAN_POINTS)
+            .map(|_| Stage::with_capacity(PLAN_OBSTACLES))
+            .collect(),
     }
 }
