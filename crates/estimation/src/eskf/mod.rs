@@ -6,11 +6,13 @@
 //! `docs/derivations/error-state-kalman-filter.md`.
 
 mod bounds;
+mod heading;
 mod nominal;
 mod orientation;
 mod transition;
 mod variant;
 
+pub use heading::Seen;
 pub use nominal::{ErrorVector, InertialInput, Nominal};
 pub use variant::{FilterKind, QuaternionIntegration, Truncation, Variant};
 
@@ -69,6 +71,8 @@ pub struct Linearised<const M: usize> {
     pub jacobian: SMatrix<f64, M, 15>,
     /// Variances of the measurement's noise.
     pub variance: SVector<f64, M>,
+    /// Whether it tells the heading.
+    pub from: Seen,
 }
 
 /// What came of an attempt to fuse.
@@ -264,7 +268,7 @@ impl Filter {
         if outcome.accepted {
             let gain = p_ht * z_inverse;
             self.joseph(&gain, &p_ht, &jacobian, &noise);
-            self.inject(&(gain * seen.innovation));
+            self.inject(&(gain * seen.innovation), seen.from);
         }
         outcome
     }
@@ -307,7 +311,7 @@ impl Filter {
     /// Moves the observed error into the nominal state and expresses the remaining error there:
     /// rows and columns of the orientation, not its block alone as in document S, equations 2.59b
     /// and 2.80a.
-    fn inject(&mut self, correction: &SVector<f64, 16>) {
+    fn inject(&mut self, correction: &SVector<f64, 16>, from: Seen) {
         let part = |row| correction.fixed_rows::<3>(row).into_owned();
         let turn = correction.fixed_rows::<4>(index::ORIENTATION).into_owned();
         let nominal = &mut self.nominal;
@@ -325,6 +329,14 @@ impl Filter {
         self.covariance
             .fixed_columns_mut::<4>(index::ORIENTATION)
             .copy_from(&columns);
+        if from == Seen::FromBody {
+            heading::turn_along(
+                &mut self.covariance,
+                self.variant.filter,
+                &orientation,
+                correction,
+            );
+        }
         self.bound_covariance();
     }
 

@@ -49,6 +49,7 @@ impl Draw {
             innovation: SVector::from_fn(|_, _| self.0.random_range(-0.1..0.1)),
             jacobian: SMatrix::from_fn(|_, _| self.0.random_range(-1.0..1.0)),
             variance: SVector::from_fn(|_, _| self.0.random_range(0.001..0.1)),
+            from: Seen::InWorld,
         }
     }
 }
@@ -75,7 +76,7 @@ fn moved(nominal: &Nominal, filter: FilterKind, error: &Coordinates) -> Nominal 
             ..Variant::default()
         },
     );
-    moved.inject(error);
+    moved.inject(error, Seen::InWorld);
     moved.nominal
 }
 

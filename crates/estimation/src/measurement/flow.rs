@@ -5,7 +5,7 @@ use alula_messages::{Rejection, error_index};
 use nalgebra::{Matrix2x3, RowVector3, SMatrix, Vector2, Vector3};
 
 use super::Model;
-use crate::eskf::{Linearised, Nominal};
+use crate::eskf::{Linearised, Nominal, Seen};
 
 /// Least downward part of the optical axis: beyond 60 degrees the ground point is far away and
 /// its distance changes too much over the image for one flow to describe it.
@@ -106,6 +106,7 @@ impl Model<2> for FlowMeasurement {
             innovation: self.flow_rad_s - prediction,
             jacobian,
             variance: Vector2::repeat(self.sigma_rad_s * self.sigma_rad_s),
+            from: Seen::FromBody,
         })
     }
 }

@@ -6,7 +6,7 @@ use alula_messages::{Rejection, error_index};
 use nalgebra::{Matrix3, RowVector3, SMatrix, Vector2, Vector3};
 
 use super::{Model, variances};
-use crate::eskf::{Linearised, Nominal};
+use crate::eskf::{Linearised, Nominal, Seen};
 
 /// The velocity is zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,6 +25,7 @@ impl Model<3> for VelocityMeasurement {
             innovation: -nominal.velocity_world,
             jacobian,
             variance: variances(self.sigma_m_s),
+            from: Seen::FromBody,
         })
     }
 }
@@ -48,6 +49,7 @@ impl Model<3> for AngularRateMeasurement {
             innovation: self.angular_rate - nominal.gyroscope_bias,
             jacobian,
             variance: variances(self.sigma_rad_s),
+            from: Seen::FromBody,
         })
     }
 }
@@ -89,6 +91,7 @@ impl Model<3> for HoldMeasurement {
             innovation: Vector3::new(offset.x, offset.y, so3::wrap_angle(self.yaw_rad - yaw_rad)),
             jacobian,
             variance: Vector3::new(place, place, heading),
+            from: Seen::InWorld,
         })
     }
 }

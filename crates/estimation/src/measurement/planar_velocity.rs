@@ -5,7 +5,7 @@ use alula_messages::{Rejection, error_index};
 use nalgebra::{Matrix2x3, SMatrix, Vector2, Vector3};
 
 use super::Model;
-use crate::eskf::{Linearised, Nominal};
+use crate::eskf::{Linearised, Nominal, Seen};
 
 /// What a flow camera with a ranger of its own says about the velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,6 +76,7 @@ impl Model<2> for PlanarVelocityMeasurement {
             innovation: self.apparent_velocity - prediction,
             jacobian,
             variance: Vector2::repeat(self.sigma_m_s * self.sigma_m_s),
+            from: Seen::FromBody,
         })
     }
 }

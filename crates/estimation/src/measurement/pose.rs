@@ -5,7 +5,7 @@ use alula_messages::{Rejection, error_index};
 use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 
 use super::{Model, variances};
-use crate::eskf::{Linearised, Nominal};
+use crate::eskf::{Linearised, Nominal, Seen};
 
 /// A measured position of the body's origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,6 +26,7 @@ impl Model<3> for PositionMeasurement {
             innovation: self.position_world - nominal.position_world,
             jacobian,
             variance: variances(self.sigma_m),
+            from: Seen::InWorld,
         })
     }
 }
@@ -52,6 +53,7 @@ impl Model<3> for OrientationMeasurement {
             innovation,
             jacobian,
             variance: variances(self.sigma_rad),
+            from: Seen::InWorld,
         })
     }
 }

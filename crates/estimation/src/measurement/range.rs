@@ -6,7 +6,7 @@ use nalgebra::{SVector, Vector1};
 
 use super::Model;
 use super::flow::distance_to_ground;
-use crate::eskf::{Linearised, Nominal};
+use crate::eskf::{Linearised, Nominal, Seen};
 
 /// A reading of a ranger.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,6 +29,7 @@ impl Model<1> for RangeMeasurement {
             innovation: Vector1::new(self.range_m - distance),
             jacobian,
             variance: SVector::from([self.sigma_m * self.sigma_m]),
+            from: Seen::FromBody,
         })
     }
 }

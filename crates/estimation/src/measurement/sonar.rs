@@ -5,7 +5,7 @@ use alula_messages::{Rejection, error_index};
 use nalgebra::{SMatrix, SVector, Vector1, Vector3};
 
 use super::Model;
-use crate::eskf::{Linearised, Nominal};
+use crate::eskf::{Linearised, Nominal, Seen};
 
 /// A reading of a sonar: its strongest echo comes from where the ground is nearest, whatever the
 /// tilt (document S, figure 2.2).
@@ -47,6 +47,7 @@ impl Model<1> for SonarMeasurement {
             innovation: Vector1::new(self.range_m - height),
             jacobian,
             variance: SVector::from([self.sigma_m * self.sigma_m]),
+            from: Seen::FromBody,
         })
     }
 }
