@@ -3,6 +3,7 @@
 //! height. Derivation: `docs/derivations/cascade-velocity-estimator.md`.
 
 mod config;
+mod downward;
 mod kalman;
 mod past;
 mod publish;
@@ -10,10 +11,10 @@ mod sight;
 
 pub use config::{CascadeConfig, Ranger};
 
-use alula_geometry::{Pose, TimeDelta, Timestamp, so3};
+use alula_geometry::{Pose, Timestamp, so3};
 use alula_messages::{
-    EstimateHealth, FlightMode, FlightPhase, FlowSample, Fusion, ImuSample, NavState, RangeSample,
-    Rejection, Sensor, SensorBatch, Unobserved,
+    EstimateHealth, FlightMode, FlightPhase, Fusion, ImuSample, NavState, Rejection, Sensor,
+    SensorBatch, Unobserved,
 };
 use alula_parameters::{ParameterError, Parameters};
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
@@ -29,7 +30,6 @@ use crate::{Estimator, FlowCalibration};
 use kalman::{Biases, HEIGHT, Push, Seen, VELOCITY, VelocityFilter};
 use past::{Moment, Past};
 use publish::Drift;
-use sight::{FirstStage, Flow};
 
 /// Standard deviation of the velocity at the start, m/s.
 const START_VELOCITY_SIGMA_M_S: f64 = 0.01;
@@ -252,102 +252,6 @@ impl Cascade {
         self.fuse(now, Sensor::Ground, &low);
     }
 
-    fn take_flow(&mut self, sample: &FlowSample, now: Timestamp) {
-        match self.flow_seen(sample, now) {
-            Ok(seen) => self.fuse(sample.time, Sensor::Flow, &seen),
-            Err(reason) => self.reject(sample.time, Sensor::Flow, reason),
-        }
-    }
-
-    fn flow_seen(&mut self, sample: &FlowSample, now: Timestamp) -> Result<Seen<2>, Rejection> {
-        let flow = sample.flow_rad_s;
-        if !(flow.iter().all(|x| x.is_finite()) && sample.interval_s.is_finite()) {
-            return Err(Rejection::NotFinite);
-        }
-        self.check_phase()?;
-        let repeated_s = self.flow_repetition.add(flow.into(), sample.time);
-        let good = sample.quality >= self.config.flow_min_quality
-            && (0.0..=1.0).contains(&sample.interval_s)
-            && repeated_s <= self.config.stuck_after_s
-            && sample.time <= now;
-        if !good {
-            return Err(Rejection::Invalid);
-        }
-        check_order(&mut self.flow_last, sample.time)?;
-        let (moment, age_s) = self.moment_at(sample.time)?;
-        let half = TimeDelta::from_s(0.5 * sample.interval_s);
-        let (from, to) = (sample.time - half, sample.time + half);
-        let rate = self.past.mean_angular_rate(from, to);
-        Flow {
-            flow_rad_s: flow,
-            angular_rate: rate.unwrap_or(moment.angular_rate) - self.attitude.gyroscope_bias(),
-            sigma_rad_s: self.config.flow_sigma_rad_s,
-            min_distance_m: self.config.flow_min_distance_m,
-        }
-        .seen(&self.body_from_camera, &moment, age_s, &self.first_stage())
-    }
-
-    fn take_range(&mut self, sample: &RangeSample, now: Timestamp) {
-        let sensor = self.range_sensor();
-        match self.range_seen(sample, now) {
-            Ok(seen) => self.fuse(sample.time, sensor, &seen),
-            Err(reason) => self.reject(sample.time, sensor, reason),
-        }
-    }
-
-    fn range_seen(&mut self, sample: &RangeSample, now: Timestamp) -> Result<Seen<1>, Rejection> {
-        if !sample.range_m.is_finite() {
-            return Err(Rejection::NotFinite);
-        }
-        self.check_phase()?;
-        let reading = [sample.range_m, 0.0];
-        let repeated_s = self.range_repetition.add(reading, sample.time);
-        if !sample.is_valid() || repeated_s > self.config.stuck_after_s || sample.time > now {
-            return Err(Rejection::Invalid);
-        }
-        check_order(&mut self.range_last, sample.time)?;
-        let (moment, age_s) = self.moment_at(sample.time)?;
-        let sigma_m = self.config.range_sigma_m;
-        let first = self.first_stage();
-        sight::range(
-            sample.range_m,
-            sigma_m,
-            &self.body_from_ranger,
-            &moment,
-            age_s,
-            &first,
-        )
-    }
-
-    /// What was believed at `time`, and how long ago that was, s.
-    fn moment_at(&self, time: Timestamp) -> Result<(Moment, f64), Rejection> {
-        let moment = self.past.at(time).ok_or(Rejection::TooOld)?;
-        let latest = self.past.latest().map_or(time, |m| m.time);
-        Ok((moment, latest.seconds_since(time).max(0.0)))
-    }
-
-    fn first_stage(&self) -> FirstStage {
-        FirstStage {
-            tilt_sigma_rad: self.attitude.tilt_sigma_rad(),
-            rate_sigma_rad_s: self.attitude.gyroscope_bias_sigma_rad_s(),
-        }
-    }
-
-    fn range_sensor(&self) -> Sensor {
-        match self.config.ranger {
-            Ranger::Infrared => Sensor::Infrared,
-            Ranger::Sonar => Sensor::Sonar,
-        }
-    }
-
-    /// On the ground, or before the start, the downward sensors say nothing.
-    fn check_phase(&self) -> Result<(), Rejection> {
-        if self.phase == FlightPhase::Landed || !self.running {
-            return Err(Rejection::Phase);
-        }
-        Ok(())
-    }
-
     fn fuse<const M: usize>(&mut self, time: Timestamp, sensor: Sensor, seen: &Seen<M>) {
         let gate = self.gates.threshold(M);
         let biases = match self.phase {
@@ -427,15 +331,6 @@ impl Cascade {
         };
         health(&self.flow_watch, &self.range_watch, now, limit_s)
     }
-}
-
-/// Refuses what is not later than the last sample of the same sensor.
-fn check_order(last: &mut Option<Timestamp>, time: Timestamp) -> Result<(), Rejection> {
-    if last.is_some_and(|last| time <= last) {
-        return Err(Rejection::OutOfOrder);
-    }
-    *last = Some(time);
-    Ok(())
 }
 
 impl Estimator for Cascade {
