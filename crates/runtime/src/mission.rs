@@ -12,6 +12,8 @@ parameters! {
         pub take_off_height_m: f64 = 1.5, within(0.3, 50.0);
         /// Points to fly through in order, world frame.
         pub waypoints_m: Vec<[f64; 3]> = Vec::new(), within(-1000.0, 1000.0);
+        /// How often they are flown through, with the pause in the hover in between.
+        pub rounds: usize = 1, within(1.0, 200.0);
         /// Pause in the hover before and after the waypoints.
         pub hover_s: f64 = 1.0, within(0.0, 600.0);
     }
@@ -42,6 +44,8 @@ pub enum Step {
 pub struct Mission {
     config: MissionConfig,
     step: Step,
+    /// Ways through the waypoints that have begun.
+    rounds_begun: usize,
     /// Since when the vehicle has been hovering or standing ready.
     ready_since: Option<Timestamp>,
     last_request: Option<Timestamp>,
@@ -59,6 +63,7 @@ impl Mission {
         Self {
             config: config.clone(),
             step: Step::Arm,
+            rounds_begun: 0,
             ready_since: None,
             last_request: None,
             asked_to_land: false,
@@ -86,6 +91,10 @@ impl Mission {
 
     /// The next request, if it is time for one, given the last output of the stack.
     pub fn next(&mut self, output: &StackOutput) -> Option<Intent> {
+        if self.mode != FlightMode::Flying && output.mode == FlightMode::Flying {
+            self.rounds_begun += 1;
+            self.ready_since = None;
+        }
         self.note_hold(output);
         self.advance(output.mode);
         let (mode, pause_s, intent) = self.wanted()?;
@@ -133,8 +142,12 @@ impl Mission {
         let next = match (self.step, mode) {
             (Step::Arm, FlightMode::Armed) => Step::TakeOff,
             (Step::TakeOff, FlightMode::TakingOff) => Step::Fly,
-            (Step::Fly, FlightMode::Flying) => Step::Land,
-            (Step::Fly, FlightMode::Hovering) if self.config.waypoints_m.is_empty() => Step::Land,
+            (Step::Fly, FlightMode::Flying) if self.is_last_round() => Step::Land,
+            (Step::Fly, FlightMode::Hovering)
+                if self.interrupted || self.config.waypoints_m.is_empty() =>
+            {
+                Step::Land
+            }
             (Step::Land, FlightMode::Landing) if self.asked_to_land => Step::TouchDown,
             // A landing that the mission did not ask for ends it.
             (Step::Fly | Step::Land, FlightMode::Landing) => self.interrupt(Step::TouchDown),
@@ -148,6 +161,11 @@ impl Mission {
             self.ready_since = None;
             self.last_request = None;
         }
+    }
+
+    /// Whether the way that has begun is the last one; one that ends before its end is, too.
+    fn is_last_round(&self) -> bool {
+        self.rounds_begun >= self.config.rounds
     }
 
     fn interrupt(&mut self, next: Step) -> Step {
@@ -203,18 +221,25 @@ mod tests {
             waypoints_m,
             ..Default::default()
         });
+        let made = requests_of(&mut mission, modes);
+        (made, mission)
+    }
+
+    fn requests_of(mission: &mut Mission, modes: &[FlightMode]) -> Vec<Intent> {
         let mut made = Vec::new();
         let mut output = StackOutput::default();
         output.state.health = EstimateHealth::Good;
         for (second, mode) in modes.iter().enumerate() {
+            let mut in_this_mode = Vec::new();
             for quarter in 0..8 {
                 output.time = Timestamp::from_s(2.0 * second as f64 + 0.25 * f64::from(quarter));
                 output.mode = *mode;
-                made.extend(mission.next(&output));
+                in_this_mode.extend(mission.next(&output));
             }
+            in_this_mode.dedup();
+            made.extend(in_this_mode);
         }
-        made.dedup();
-        (made, mission)
+        made
     }
 
     #[test]
@@ -233,6 +258,25 @@ mod tests {
                 Intent::Land
             ]
         ));
+        assert!(mission.succeeded());
+    }
+
+    #[test]
+    fn rounds_are_flown_one_after_the_other() {
+        use FlightMode::*;
+        let mut mission = Mission::new(&MissionConfig {
+            waypoints_m: vec![[1.0, 0.0, 1.0]],
+            rounds: 2,
+            ..Default::default()
+        });
+        let modes = [
+            Disarmed, Armed, TakingOff, Hovering, Flying, Hovering, Flying, Hovering, Landing,
+            Disarmed,
+        ];
+        let made = requests_of(&mut mission, &modes);
+        let rounds = made.iter().filter(|i| matches!(i, Intent::Fly { .. }));
+        assert_eq!(rounds.count(), 2);
+        assert_eq!(made.last(), Some(&Intent::Land));
         assert!(mission.succeeded());
     }
 
