@@ -9,6 +9,8 @@ mod chance_constraint;
 mod chart;
 mod delayed_poses;
 mod depth_office;
+mod euroc_variants;
+mod long_loops;
 mod obstacle_tracking;
 mod odometry;
 mod odometry_variants;
@@ -35,6 +37,8 @@ const STUDIES: &[Study] = &[
     odometry_variants::STUDY,
     bias_observability::STUDY,
     anees::STUDY,
+    euroc_variants::STUDY,
+    long_loops::STUDY,
     depth_office::STUDY,
     obstacle_tracking::STUDY,
     chance_constraint::STUDY,
