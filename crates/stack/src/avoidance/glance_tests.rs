@@ -92,6 +92,35 @@ fn who_was_passed_is_looked_for_before_the_vehicle_turns_to_his_side() {
 }
 
 #[test]
+fn who_is_not_where_he_should_be_is_not_looked_for_there() {
+    let mut missed = walker([1.0, 0.5], [-1.0, 0.0], 4.0);
+    let mut glance = looked_ahead();
+    let look = |glance: &Glance, missed: &Obstacle| {
+        let mut urgency = [1.0; SECTORS];
+        glance.drop_missed(&flying(5.0, 0.5), &[*missed], &mut urgency);
+        urgency.iter().sum::<f64>()
+    };
+    assert_eq!(look(&glance, &missed), SECTORS as f64);
+    missed.sight = Sight::Missed;
+    assert_eq!(look(&glance, &missed), SECTORS as f64 - 1.0);
+    // Beside the view he may well be.
+    glance.note(Timestamp::from_s(5.0), -1.5, HALF_VIEW_RAD, &[]);
+    missed.centre_world = Vector3::new(-0.5, 1.0, 0.9);
+    assert_eq!(look(&glance, &missed), SECTORS as f64);
+}
+
+#[test]
+fn a_near_walker_is_kept_in_view_and_counts_more_than_a_far_one_lost_for_long() {
+    let near = walker([1.4, 0.3], [-1.0, 0.0], 5.0);
+    let far = walker([-3.0, 3.0], [1.0, -0.5], 1.0);
+    let conduct = ConductConfig::default();
+    let state = flying(5.0, 0.3);
+    let urgency = walkers(&state, 0.0, &[far, near], conduct.walker_m_s);
+    let of = |walker: &Obstacle| urgency[sector_towards(walker, &state)];
+    assert!(of(&near) > of(&far) && of(&far) > 0.0);
+}
+
+#[test]
 fn of_two_lost_walkers_the_one_who_comes_near_is_looked_at_first() {
     let comes = walker([1.5, 2.2], [0.0, -1.2], 4.6);
     let leaves = walker([1.5, -2.2], [0.0, -1.2], 4.6);
