@@ -124,21 +124,39 @@ impl Associator {
     ) {
         self.fates.clear();
         self.fates.resize(tracks.len(), Fate::Unmatched);
-        self.match_round(gates, tracks, seen);
+        // Who was lost for long could be anywhere, and takes only what is left: not a part of
+        // somebody who was seen a moment ago.
+        let fresh = |track: &Track| time.seconds_since(track.last_seen) <= config.life.merge_s;
+        self.match_round(gates, tracks, seen, fresh);
         self.hold_merged(config, time, tracks, seen);
-        self.rescue(tracks, seen);
+        self.rescue(tracks, seen, fresh);
+        self.absorb_fragments(tracks, seen);
+        self.match_round(gates, tracks, seen, |_| true);
+        self.rescue(tracks, seen, |_| true);
         self.absorb_fragments(tracks, seen);
         self.match_flat(config, gates, tracks, seen);
         self.replace_flat(config, gates, tracks, seen);
     }
 
     /// Round tracks and round detections, at the greatest likelihood within the gates.
-    fn match_round(&mut self, gates: &Gates, tracks: &[Track], seen: &mut [Seen]) {
+    fn match_round(
+        &mut self,
+        gates: &Gates,
+        tracks: &[Track],
+        seen: &mut [Seen],
+        of: impl Fn(&Track) -> bool,
+    ) {
         // A pair at the gate is as good as none.
         let skip = gates.of_sides[FACES];
-        self.assign(tracks, seen, Footprint::Round, skip, |track, seen| {
-            round_cost(track, seen, gates)
-        });
+        let is_round = |track: &Track| track.footprint == Footprint::Round && of(track);
+        self.assign(
+            tracks,
+            seen,
+            Footprint::Round,
+            is_round,
+            skip,
+            |track, seen| round_cost(track, seen, gates),
+        );
     }
 
     /// Flat tracks and flat detections.
@@ -152,9 +170,15 @@ impl Associator {
         let (flat, gate) = (&config.flat, gates.of_sides[1]);
         // Above any cost of a permitted pair.
         let skip = 100.0 + gate;
-        self.assign(tracks, seen, Footprint::Flat, skip, |track, seen| {
-            flat::cost(track, &seen.detection, flat, gate)
-        });
+        let is_flat = |track: &Track| track.footprint == Footprint::Flat;
+        self.assign(
+            tracks,
+            seen,
+            Footprint::Flat,
+            is_flat,
+            skip,
+            |track, seen| flat::cost(track, &seen.detection, flat, gate),
+        );
     }
 
     fn assign(
@@ -162,6 +186,7 @@ impl Associator {
         tracks: &[Track],
         seen: &mut [Seen],
         footprint: Footprint,
+        of: impl Fn(&Track) -> bool,
         skip_cost: f64,
         cost: impl Fn(&Track, &Seen) -> f64,
     ) {
@@ -169,10 +194,8 @@ impl Associator {
         self.columns.clear();
         self.costs.clear();
         let is_open = |fate: &Fate| *fate == Fate::Unmatched;
-        self.rows.extend(
-            (0..tracks.len())
-                .filter(|&i| tracks[i].footprint == footprint && is_open(&self.fates[i])),
-        );
+        self.rows
+            .extend((0..tracks.len()).filter(|&i| of(&tracks[i]) && is_open(&self.fates[i])));
         self.columns.extend(
             (0..seen.len())
                 .filter(|&j| seen[j].detection.footprint == footprint && seen[j].is_new()),
@@ -228,10 +251,11 @@ impl Associator {
 
     /// A detection in the box of a track that matched nothing is the same thing in a strange
     /// shape: the nearest one corrects the track, at raised noise.
-    fn rescue(&mut self, tracks: &[Track], seen: &mut [Seen]) {
+    fn rescue(&mut self, tracks: &[Track], seen: &mut [Seen], of: impl Fn(&Track) -> bool) {
         for i in 0..tracks.len() {
             let track = &tracks[i];
-            if self.fates[i] != Fate::Unmatched || track.footprint != Footprint::Round {
+            let is_open = self.fates[i] == Fate::Unmatched && of(track);
+            if !is_open || track.footprint != Footprint::Round {
                 continue;
             }
             let distance = |seen: &Seen| (seen.detection.centre_world - track.position()).norm();
