@@ -89,7 +89,7 @@ impl Stack {
             guard.expect_depth();
         }
         let mut output = StackOutput::default();
-        // The first findings of a flight must not wait for memory.
+        // The first findings of a flight must not wait for memory, nor may what is seen in it.
         output
             .guard
             .findings
@@ -103,7 +103,11 @@ impl Stack {
             guide: Guide::new(&config.guide).map_err(|e| e.under("guide"))?,
             avoidance: match &config.avoidance {
                 Some(avoidance) => {
-                    Some(Avoidance::new(avoidance).map_err(|e| e.under("avoidance"))?)
+                    let part = Avoidance::new(avoidance).map_err(|e| e.under("avoidance"))?;
+                    let tracker = &avoidance.tracker;
+                    output.detections.reserve(tracker.max_detections);
+                    output.obstacles.reserve(tracker.max_tracks);
+                    Some(part)
                 }
                 None => None,
             },
