@@ -137,6 +137,60 @@ fn what_appears_a_metre_ahead_is_not_run_into() {
 }
 
 #[test]
+fn a_hovering_vehicle_gives_way_and_comes_back() {
+    for seed in SEEDS {
+        let y = 0.1 * seed as f64 - 0.2;
+        let who = person_on(&format!("walks-{seed}"), &[(6.0, 8.0, y), (16.0, -2.0, y)]);
+        let flight = flown(
+            &[
+                DESERTED,
+                EMPTY,
+                &who,
+                // Room on all sides: what is behind a hovering vehicle was never seen.
+                "world.room.size_m=[30.0, 20.0, 3.0]",
+                "stack.guard.fence.min_m=[-8.0, -8.0, -1.0]",
+                "stack.guard.fence.max_m=[15.0, 8.0, 2.8]",
+                "mission.waypoints_m=[]",
+                "mission.hover_s=20.0",
+            ],
+            seed,
+        );
+        expect_no_touch(&flight);
+        let summary = &flight.summary;
+        assert_eq!(summary.outcome, Outcome::Reached, "{summary:?}");
+        assert!(summary.contacts.is_empty(), "seed {seed}: {summary:?}");
+        let aside_m = |s: &alula_runtime::flight_log::Sample| s.true_position.xy().norm();
+        let farthest_m = flight.log.samples.iter().map(aside_m).fold(0.0, f64::max);
+        assert!(farthest_m > 0.4, "seed {seed}: gave way by {farthest_m} m");
+        let end_m = summary.landing_distance_m;
+        assert!(end_m < 0.4, "seed {seed}: came back to {end_m} m");
+    }
+}
+
+#[test]
+fn someone_on_the_goal_is_told_of() {
+    for seed in SEEDS {
+        let who = person_on("stands", &[(0.0, 9.0, 0.3), (500.0, 9.0, 0.3)]);
+        let flight = flown(
+            &[
+                DESERTED,
+                EMPTY,
+                &who,
+                "mission.waypoints_m=[[9.0, 0.3, 1.2]]",
+                "stack.avoidance.conduct.give_up_s=8.0",
+            ],
+            seed,
+        );
+        expect_no_touch(&flight);
+        let summary = &flight.summary;
+        assert_eq!(summary.outcome, Outcome::Aborted, "{summary:?}");
+        assert_eq!(summary.failure.as_deref(), Some("goal_blocked"));
+        assert!(summary.reason.contains("an obstacle stands on the goal"));
+        assert_eq!(summary.guard, Fallback::None, "{summary:?}");
+    }
+}
+
+#[test]
 fn a_vehicle_that_starts_too_near_to_a_pillar_leaves_it() {
     for seed in SEEDS {
         // 37 cm from the vehicle's centre to the pillar: the planner wants 40 and more.

@@ -91,7 +91,7 @@ fn the_vehicle_hovers_and_lands_in_each() {
         let overrides = [
             "mission.waypoints_m=[]",
             "mission.hover_s=2.0",
-            "simulation.sensors.depth.model.rate_hz=1.0",
+            "simulation.sensors.depth.model.rate_hz=5.0",
         ];
         let summary = flown(&scenario(name, &overrides), 1).summary;
         println!(
