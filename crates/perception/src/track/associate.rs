@@ -126,14 +126,13 @@ impl Associator {
         self.fates.resize(tracks.len(), Fate::Unmatched);
         // Who was lost for long could be anywhere, and takes only what is left: not a part of
         // somebody who was seen a moment ago.
-        let fresh = |track: &Track| time.seconds_since(track.last_seen) <= config.life.merge_s;
-        self.match_round(gates, tracks, seen, fresh);
-        self.hold_merged(config, time, tracks, seen);
-        self.rescue(tracks, seen, fresh);
-        self.absorb_fragments(tracks, seen);
-        self.match_round(gates, tracks, seen, |_| true);
-        self.rescue(tracks, seen, |_| true);
-        self.absorb_fragments(tracks, seen);
+        for longest_s in [config.life.merge_s, f64::INFINITY] {
+            let is_due = |track: &Track| time.seconds_since(track.last_seen) <= longest_s;
+            self.match_round(gates, tracks, seen, is_due);
+            self.hold_merged(config, time, tracks, seen);
+            self.rescue(tracks, seen, is_due);
+            self.absorb_fragments(tracks, seen);
+        }
         self.match_flat(config, gates, tracks, seen);
         self.replace_flat(config, gates, tracks, seen);
     }

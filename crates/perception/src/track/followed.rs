@@ -57,20 +57,20 @@ impl Track {
     /// Moves the state on by `dt_s`: with turns while the obstacle may move, not at all for pieces
     /// of walls and unseen standing ones.
     pub fn predict(&mut self, dt_s: f64, model: &TrackModelConfig) {
-        let is_seen = self.sight == Sight::Seen;
-        let stands = self.motion == ObstacleMotion::Static;
-        if self.footprint == Footprint::Flat || (stands && !is_seen) {
-            self.turns = None;
-            self.state.rest(dt_s, model);
-        } else if stands {
-            self.turns = None;
-            let motion = Motion::straight(self.motion, self.sight, model);
-            self.state.move_on(dt_s, &motion, model);
-        } else {
+        let is_flat = self.footprint == Footprint::Flat;
+        if !is_flat && self.motion != ObstacleMotion::Static {
             let turns = self.turns.get_or_insert_with(|| Turns::new(&self.state));
             turns.move_on(dt_s, self.sight, model);
             self.state = turns.mean();
             self.state.bound_velocity(model);
+            return;
+        }
+        self.turns = None;
+        if is_flat || self.sight != Sight::Seen {
+            self.state.rest(dt_s, model);
+        } else {
+            let motion = Motion::straight(self.motion, self.sight, model);
+            self.state.move_on(dt_s, &motion, model);
         }
     }
 
