@@ -50,6 +50,16 @@ pub enum FlightMode {
     Killed,
 }
 
+impl FlightMode {
+    /// Whether the vehicle flies on its motors in this mode, take-off and landing included.
+    pub fn is_airborne(self) -> bool {
+        matches!(
+            self,
+            Self::TakingOff | Self::Hovering | Self::Flying | Self::Landing
+        )
+    }
+}
+
 /// Why a request was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -267,7 +267,7 @@ impl Stack {
             self.thrust_fraction,
         );
         let mode = self.modes.update(&situation);
-        if mode != self.output.mode && !is_airborne(self.output.mode) {
+        if mode != self.output.mode && !self.output.mode.is_airborne() {
             self.controller.reset();
         }
         let now = self.output.time;
@@ -334,13 +334,6 @@ fn copy_report(target: &mut GuardReport, report: &GuardReport) {
     target.fallback = *fallback;
     target.cause = *cause;
     target.findings.clone_from(findings);
-}
-
-fn is_airborne(mode: FlightMode) -> bool {
-    matches!(
-        mode,
-        FlightMode::TakingOff | FlightMode::Hovering | FlightMode::Flying | FlightMode::Landing
-    )
 }
 
 fn situation<'a>(
