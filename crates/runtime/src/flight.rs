@@ -5,12 +5,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use alula_geometry::{Pose, Timestamp};
-use alula_messages::{
-    EstimateHealth, Hindrance, Mount, NavState, SensorBatch, StackOutput, Vehicle,
-};
+use alula_messages::{Hindrance, Mount, SensorBatch, StackOutput, Vehicle};
 use alula_record::{Header, LogLevel, Recorder, TruthRecord};
 use alula_sim::world::World;
-use alula_sim::{Collision, SimulatedVehicle, Truth};
+use alula_sim::{Collision, SimulatedVehicle};
 use alula_stack::{Stack, Stage};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -266,7 +264,7 @@ impl<'a> Run<'a> {
         match self.scenario.config().simulation.state {
             StateSource::Estimated => self.stack.update_watched(&self.batch, &mut done),
             StateSource::Truth => {
-                let state = true_state(self.vehicle.truth(), self.batch.now);
+                let state = self.vehicle.truth().as_estimate(self.batch.now);
                 self.stack.update_with_state(&self.batch, &state, &mut done)
             }
         };
@@ -498,18 +496,5 @@ fn describe_collision(collision: &Collision) -> String {
                 tilt_rad.to_degrees()
             )
         }
-    }
-}
-
-/// The truth in the shape of an estimate that knows everything.
-fn true_state(truth: &Truth, now: Timestamp) -> NavState {
-    NavState {
-        time: now,
-        world_from_body: truth.world_from_body,
-        velocity_world: truth.velocity_world,
-        angular_rate_body: truth.angular_rate_body,
-        acceleration_world: truth.acceleration_world,
-        health: EstimateHealth::Good,
-        ..NavState::default()
     }
 }

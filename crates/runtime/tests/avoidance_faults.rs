@@ -8,9 +8,7 @@ mod support;
 use std::path::{Path, PathBuf};
 
 use alula_geometry::Timestamp;
-use alula_messages::{
-    EstimateHealth, Fallback, FlightMode, Hindrance, NavState, SensorBatch, Vehicle, Violation,
-};
+use alula_messages::{Fallback, FlightMode, Hindrance, NavState, SensorBatch, Vehicle, Violation};
 use alula_runtime::Scenario;
 use alula_runtime::flight::{Flight, Outcome, RecordTo, fly};
 use alula_runtime::mission::{Mission, Step};
@@ -209,15 +207,7 @@ fn a_vehicle_that_starts_too_near_to_a_pillar_leaves_it() {
 
 /// The truth, moved aside, in the shape of an estimate.
 fn believed(truth: &Truth, now: Timestamp, aside: &Vector3<f64>) -> NavState {
-    let mut state = NavState {
-        time: now,
-        world_from_body: truth.world_from_body,
-        velocity_world: truth.velocity_world,
-        angular_rate_body: truth.angular_rate_body,
-        acceleration_world: truth.acceleration_world,
-        health: EstimateHealth::Good,
-        ..NavState::default()
-    };
+    let mut state = truth.as_estimate(now);
     state.world_from_body.translation.vector += aside;
     state
 }

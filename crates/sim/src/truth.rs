@@ -1,6 +1,7 @@
 //! What really happens, known to the simulator alone.
 
 use alula_geometry::{Pose, Timestamp};
+use alula_messages::{EstimateHealth, NavState};
 use nalgebra::Vector3;
 
 /// The true motion of a simulated vehicle at one instant.
@@ -23,6 +24,19 @@ pub struct Truth {
 }
 
 impl Truth {
+    /// The truth in the shape of an estimate that knows everything.
+    pub fn as_estimate(&self, now: Timestamp) -> NavState {
+        NavState {
+            time: now,
+            world_from_body: self.world_from_body,
+            velocity_world: self.velocity_world,
+            angular_rate_body: self.angular_rate_body,
+            acceleration_world: self.acceleration_world,
+            health: EstimateHealth::Good,
+            ..NavState::default()
+        }
+    }
+
     /// Position of the body's origin, world frame, m.
     pub fn position_world(&self) -> Vector3<f64> {
         self.world_from_body.translation.vector
