@@ -1,15 +1,13 @@
 //! Ten minutes of loops in closed loop on the flow odometry alone.
 
-use std::path::PathBuf;
-
-use alula_messages::FlightMode;
 use nalgebra::Vector3;
 
-use super::{Chart, Column, Curve, Demand, Request, Results, Row, Study, Tone, Watch};
-use crate::config::ConfigText;
-use crate::flight::{self, Outcome, Progress, RecordTo};
+use super::{
+    Chart, Column, Curve, Demand, Request, Results, Row, Study, Tape, Tone, Watch, built_in,
+};
+use crate::RunError;
+use crate::flight::Progress;
 use crate::timing::Distribution;
-use crate::{RunError, Scenario};
 
 /// Document S, figure 2.14.
 pub const STUDY: Study = Study {
@@ -43,13 +41,6 @@ struct Instant {
     error: Vector3<f64>,
 }
 
-/// A flight from take-off to touch-down.
-struct Tape {
-    instants: Vec<Instant>,
-    reached: bool,
-    path_m: f64,
-}
-
 /// The figures of one flight.
 #[derive(Clone, Copy, Debug)]
 struct Figures {
@@ -62,35 +53,16 @@ struct Figures {
 }
 
 fn execute(request: &Request, watch: &Watch) -> Result<Results, RunError> {
-    let text = ConfigText {
-        file: "the scenario of the study".to_owned(),
-        text: SCENARIO.to_owned(),
-    };
-    let scenario = Scenario::parse(text, PathBuf::new())?;
+    let scenario = built_in(SCENARIO, &[])?;
     let seeds = request.seeds();
-    let tapes = request.do_all(&seeds, watch, &|seed| fly(&scenario, seed))?;
+    let tapes = request.do_all(&seeds, watch, &|seed| Tape::of(&scenario, seed, look))?;
     Ok(results(&seeds, &tapes))
-}
-
-fn fly(scenario: &Scenario, seed: u64) -> Result<Tape, RunError> {
-    let mut instants = Vec::new();
-    let mut note = |progress: &Progress| instants.extend(look(progress));
-    let flight = flight::fly(scenario, seed, &RecordTo::Nothing, &mut note)?;
-    Ok(Tape {
-        instants,
-        reached: flight.summary.outcome == Outcome::Reached,
-        path_m: flight.summary.path_length_m,
-    })
 }
 
 /// What is believed less what is true; nothing on the ground.
 fn look(progress: &Progress) -> Option<Instant> {
     let output = progress.output;
-    let airborne = !matches!(
-        output.mode,
-        FlightMode::Disarmed | FlightMode::Armed | FlightMode::Killed
-    );
-    airborne.then(|| Instant {
+    output.mode.is_airborne().then(|| Instant {
         t_s: progress.t_s,
         error: output.state.position_world() - progress.world_from_body.translation.vector,
     })
@@ -98,7 +70,7 @@ fn look(progress: &Progress) -> Option<Instant> {
 
 impl Figures {
     /// `None` of a flight that never left the ground.
-    fn of(tape: &Tape) -> Option<Self> {
+    fn of(tape: &Tape<Instant>) -> Option<Self> {
         let (first, last) = (tape.instants.first()?, tape.instants.last()?);
         let squares: Vector3<f64> = tape
             .instants
@@ -142,7 +114,7 @@ impl Figures {
 const END_KEYS: [&str; 3] = ["end_x_m", "end_y_m", "end_z_m"];
 const RMSE_KEYS: [&str; 3] = ["rmse_x_m", "rmse_y_m", "rmse_z_m"];
 
-fn results(seeds: &[u64], tapes: &[Tape]) -> Results {
+fn results(seeds: &[u64], tapes: &[Tape<Instant>]) -> Results {
     let flights: Vec<(u64, Figures)> = seeds
         .iter()
         .zip(tapes)
@@ -176,7 +148,7 @@ fn results(seeds: &[u64], tapes: &[Tape]) -> Results {
     }
 }
 
-fn demands(tapes: &[Tape], figures: &[Figures], median: &Figures) -> Vec<Demand> {
+fn demands(tapes: &[Tape<Instant>], figures: &[Figures], median: &Figures) -> Vec<Demand> {
     let ends = ["x", "y", "z"].into_iter().enumerate().map(|(i, axis)| {
         let what = format!("error of {axis} at the end, median flight");
         Demand::at_most(&what, "m", ASKED_END_M[i], median.end[i])
@@ -212,7 +184,7 @@ fn columns() -> Vec<Column> {
     ]
 }
 
-fn chart(tape: &Tape) -> Chart {
+fn chart(tape: &Tape<Instant>) -> Chart {
     let curve = |name, tone, axis: usize| {
         let thinned = tape.instants.iter().step_by(THINNED);
         Curve::line(
@@ -239,7 +211,7 @@ mod tests {
     use super::*;
 
     /// A flight whose error grows evenly to `end` in ten minutes.
-    fn tape(end: f64) -> Tape {
+    fn tape(end: f64) -> Tape<Instant> {
         let instant = |i: u32| Instant {
             t_s: f64::from(i),
             error: Vector3::new(1.0, -1.0, 0.1) * end * f64::from(i) / 600.0,

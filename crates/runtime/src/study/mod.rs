@@ -24,8 +24,10 @@ use std::path::PathBuf;
 pub use chart::{Chart, Curve, CurveBand, CurveStyle, Frame, Outline, StudyBar, Tone};
 pub use results::{Bound, Column, Demand, Results, Row};
 
-use crate::RunError;
 use crate::campaign::pool;
+use crate::config::ConfigText;
+use crate::flight::{self, Outcome, RecordTo};
+use crate::{RunError, Scenario};
 
 /// Name of the environment variable with the folder of recorded data.
 const DATA_VARIABLE: &str = "ALULA_DATA";
@@ -150,6 +152,40 @@ impl Request {
             },
         )?;
         Ok(results.into_iter().flatten().collect())
+    }
+}
+
+/// The scenario that comes with a study, with overrides.
+fn built_in(text: &str, overrides: &[String]) -> Result<Scenario, RunError> {
+    let text = ConfigText {
+        file: "the scenario of the study".to_owned(),
+        text: text.to_owned(),
+    };
+    Scenario::parse(text.with_overrides(overrides)?, PathBuf::new())
+}
+
+/// What was looked at in a flight, and how it ended.
+struct Tape<T> {
+    instants: Vec<T>,
+    reached: bool,
+    path_m: f64,
+}
+
+impl<T> Tape<T> {
+    /// Flies, and keeps what `look` finds in each step.
+    fn of(
+        scenario: &Scenario,
+        seed: u64,
+        look: impl Fn(&flight::Progress) -> Option<T>,
+    ) -> Result<Self, RunError> {
+        let mut instants = Vec::new();
+        let mut note = |progress: &flight::Progress| instants.extend(look(progress));
+        let flight = flight::fly(scenario, seed, &RecordTo::Nothing, &mut note)?;
+        Ok(Self {
+            instants,
+            reached: flight.summary.outcome == Outcome::Reached,
+            path_m: flight.summary.path_length_m,
+        })
     }
 }
 

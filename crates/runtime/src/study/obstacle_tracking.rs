@@ -1,14 +1,13 @@
 //! How well people are followed: a vehicle hovers in front of two of them, and its tracks are
 //! compared with where they truly are.
 
-use std::path::PathBuf;
-
 use alula_geometry::{Pose, Timestamp};
 use alula_messages::{Obstacle, StackOutput};
 use alula_sim::world::{PersonState, World};
 
-use super::{Chart, Column, Curve, CurveBand, Demand, Request, Results, Row, Study, Tone, Watch};
-use crate::config::ConfigText;
+use super::{
+    Chart, Column, Curve, CurveBand, Demand, Request, Results, Row, Study, Tone, Watch, built_in,
+};
 use crate::encounters::Eye;
 use crate::flight::{self, Progress, RecordTo};
 use crate::timing::Distribution;
@@ -79,11 +78,7 @@ struct TrackErrors {
 }
 
 fn execute(request: &Request, watch: &Watch) -> Result<Results, RunError> {
-    let text = ConfigText {
-        file: "the scenario of the study".to_owned(),
-        text: SCENARIO.to_owned(),
-    };
-    let scenario = Scenario::parse(text, PathBuf::new())?;
+    let scenario = built_in(SCENARIO, &[])?;
     let seeds = request.seeds();
     let flights = request.do_all(&seeds, watch, &|seed| watch_people(&scenario, seed))?;
     Ok(results(&seeds, &flights))

@@ -1,13 +1,11 @@
 //! Velocity, roll and pitch of the cascade estimator while a vehicle flies on it.
 
-use std::path::PathBuf;
-
 use alula_geometry::so3;
-use alula_messages::FlightMode;
 
-use super::{Chart, Column, Curve, Demand, Request, Results, Row, Study, Tone, Watch};
-use crate::config::ConfigText;
-use crate::flight::{self, Outcome, Progress, RecordTo};
+use super::{
+    Chart, Column, Curve, Demand, Request, Results, Row, Study, Tape, Tone, Watch, built_in,
+};
+use crate::flight::Progress;
 use crate::timing::Distribution;
 use crate::{RunError, Scenario};
 
@@ -40,44 +38,21 @@ struct Instant {
     height: [f64; 2],
 }
 
-/// A flight from take-off to landing.
-struct Tape {
-    instants: Vec<Instant>,
-    reached: bool,
-}
-
 pub(super) fn scenario(overrides: &[String]) -> Result<Scenario, RunError> {
-    let text = ConfigText {
-        file: "the scenario of the study".to_owned(),
-        text: SCENARIO.to_owned(),
-    };
-    Scenario::parse(text.with_overrides(overrides)?, PathBuf::new())
+    built_in(SCENARIO, overrides)
 }
 
 fn execute(request: &Request, watch: &Watch) -> Result<Results, RunError> {
     let scenario = scenario(&[])?;
     let seeds = request.seeds();
-    let tapes = request.do_all(&seeds, watch, &|seed| fly(&scenario, seed))?;
+    let tapes = request.do_all(&seeds, watch, &|seed| Tape::of(&scenario, seed, look))?;
     Ok(results(&seeds, &tapes))
-}
-
-fn fly(scenario: &Scenario, seed: u64) -> Result<Tape, RunError> {
-    let mut instants = Vec::new();
-    let mut note = |progress: &Progress| instants.extend(look(progress));
-    let flight = flight::fly(scenario, seed, &RecordTo::Nothing, &mut note)?;
-    Ok(Tape {
-        instants,
-        reached: flight.summary.outcome == Outcome::Reached,
-    })
 }
 
 /// What is believed and what is true; nothing on the ground.
 fn look(progress: &Progress) -> Option<Instant> {
     let output = progress.output;
-    if matches!(
-        output.mode,
-        FlightMode::Disarmed | FlightMode::Armed | FlightMode::Killed
-    ) {
+    if !output.mode.is_airborne() {
         return None;
     }
     let tilt = |rotation| {
@@ -95,7 +70,7 @@ fn look(progress: &Progress) -> Option<Instant> {
 }
 
 /// Root mean squares of one flight: velocity along x, y, z, roll, pitch, height.
-fn errors(tape: &Tape) -> [f64; 6] {
+fn errors(tape: &Tape<Instant>) -> [f64; 6] {
     let mut squares = [0.0; 6];
     for instant in &tape.instants {
         let [velocity, truth] = instant.velocity;
@@ -131,7 +106,7 @@ fn row(name: &str, seed: Option<u64>, errors: &[f64; 6]) -> Row {
         .fold(row, |row, (key, error)| row.with(key, *error))
 }
 
-fn results(seeds: &[u64], tapes: &[Tape]) -> Results {
+fn results(seeds: &[u64], tapes: &[Tape<Instant>]) -> Results {
     let each: Vec<[f64; 6]> = tapes.iter().map(errors).collect();
     let spread = |pick: fn(&Distribution) -> f64| {
         std::array::from_fn(|i| {
@@ -193,7 +168,7 @@ fn columns() -> Vec<Column> {
     ]
 }
 
-fn charts(tape: &Tape) -> Vec<Chart> {
+fn charts(tape: &Tape<Instant>) -> Vec<Chart> {
     // Fifty points a second are enough for a line.
     let thinned = || tape.instants.iter().step_by(5);
     let chart = |title: &str, unit: &str, pick: &dyn Fn(&Instant, usize) -> f64| {
