@@ -9,6 +9,7 @@ use alula_messages::{Fusion, ImuSample, Rejection};
 use nalgebra::Vector3;
 
 use crate::eskf::{Filter, ImuNoise, InertialInput};
+use crate::imu::mean_angular_rate;
 use crate::measurement::{Gates, Measurement};
 
 /// Measurements that can be kept for each inertial sample.
@@ -182,20 +183,8 @@ impl History {
     /// Mean reading of the gyroscope between two times, body frame, bias included, rad/s, as far
     /// as the history reaches.
     pub fn mean_angular_rate(&self, from: Timestamp, to: Timestamp) -> Option<Vector3<f64>> {
-        let mut turn = Vector3::zeros();
-        let mut duration_s = 0.0;
-        for i in (1..self.nodes.len()).rev() {
-            let (begin, end) = (self.nodes[i - 1].time, self.nodes[i].time);
-            if end <= from {
-                break;
-            }
-            let overlap_s = end.min(to).seconds_since(begin.max(from));
-            if overlap_s > 0.0 {
-                turn += self.nodes[i].input.angular_rate * overlap_s;
-                duration_s += overlap_s;
-            }
-        }
-        (duration_s > 0.0).then(|| turn / duration_s)
+        let samples = self.nodes.iter().rev();
+        mean_angular_rate(samples.map(|s| (s.time, s.input.angular_rate)), from, to)
     }
 
     /// Computes again all states from the first change on; tells `report` the fate of each

@@ -194,6 +194,29 @@ fn after_gap(before: &ImuSample, sample: &ImuSample) -> ImuVerdict {
     })
 }
 
+/// Mean angular rate between two times, rad/s, of samples with their time, newest first; a sample
+/// holds from the one before it on. `None` where they do not reach.
+pub(crate) fn mean_angular_rate(
+    newest_first: impl Iterator<Item = (Timestamp, Vector3<f64>)>,
+    from: Timestamp,
+    to: Timestamp,
+) -> Option<Vector3<f64>> {
+    let mut turn = Vector3::zeros();
+    let mut duration_s = 0.0;
+    let mut samples = newest_first.peekable();
+    while let (Some((end, rate)), Some((begin, _))) = (samples.next(), samples.peek()) {
+        if end <= from {
+            break;
+        }
+        let overlap_s = end.min(to).seconds_since(from.max(*begin));
+        if overlap_s > 0.0 {
+            turn += rate * overlap_s;
+            duration_s += overlap_s;
+        }
+    }
+    (duration_s > 0.0).then(|| turn / duration_s)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,7 +1,7 @@
 //! Watching over one source of measurements.
 
 use alula_geometry::Timestamp;
-use alula_messages::{EstimateHealth, Fusion, Rejection};
+use alula_messages::{EstimateHealth, FlightPhase, FlowSample, Fusion, RangeSample, Rejection};
 
 /// When a source was last accepted, and since when the gate has refused it.
 #[derive(Clone, Copy, Debug, Default)]
@@ -60,6 +60,60 @@ pub fn health(velocity: &Watch, height: &Watch, now: Timestamp, limit_s: f64) ->
     } else {
         EstimateHealth::Good
     }
+}
+
+/// How long a downward sensor may be silent in a phase, s: near the ground it is blind.
+pub fn silence_limit_s(phase: FlightPhase, in_flight_s: f64, near_ground_s: f64) -> f64 {
+    match phase {
+        FlightPhase::Landed | FlightPhase::Flying => in_flight_s,
+        FlightPhase::TakingOff | FlightPhase::Landing => near_ground_s,
+    }
+}
+
+/// What every reading of a flow camera has to pass. `ready` is what the filter needs for it, or why
+/// it has no use for readings now.
+pub fn check_flow<S>(
+    sample: &FlowSample,
+    now: Timestamp,
+    ready: Result<S, Rejection>,
+    repetition: &mut Repetition,
+    min_quality: f64,
+    stuck_after_s: f64,
+) -> Result<S, Rejection> {
+    let flow = sample.flow_rad_s;
+    if !(flow.iter().all(|x| x.is_finite()) && sample.interval_s.is_finite()) {
+        return Err(Rejection::NotFinite);
+    }
+    let ready = ready?;
+    let repeated_s = repetition.add(flow.into(), sample.time);
+    let good = sample.quality >= min_quality
+        && (0.0..=1.0).contains(&sample.interval_s)
+        && repeated_s <= stuck_after_s
+        && sample.time <= now;
+    if good {
+        Ok(ready)
+    } else {
+        Err(Rejection::Invalid)
+    }
+}
+
+/// What every reading of a ranger has to pass; `ready` as for [`check_flow`].
+pub fn check_range<S>(
+    sample: &RangeSample,
+    now: Timestamp,
+    ready: Result<S, Rejection>,
+    repetition: &mut Repetition,
+    stuck_after_s: f64,
+) -> Result<S, Rejection> {
+    if !sample.range_m.is_finite() {
+        return Err(Rejection::NotFinite);
+    }
+    let ready = ready?;
+    let repeated_s = repetition.add([sample.range_m, 0.0], sample.time);
+    if !sample.is_valid() || repeated_s > stuck_after_s || sample.time > now {
+        return Err(Rejection::Invalid);
+    }
+    Ok(ready)
 }
 
 /// Finds sources that say the same thing to the last bit again and again: noise never does.

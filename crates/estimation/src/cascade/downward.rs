@@ -8,6 +8,7 @@ use super::kalman::Seen;
 use super::past::Moment;
 use super::sight::{self, FirstStage, Flow};
 use super::{Cascade, Ranger};
+use crate::watch::{check_flow, check_range};
 
 impl Cascade {
     pub(super) fn take_flow(&mut self, sample: &FlowSample, now: Timestamp) {
@@ -18,26 +19,21 @@ impl Cascade {
     }
 
     fn flow_seen(&mut self, sample: &FlowSample, now: Timestamp) -> Result<Seen<2>, Rejection> {
-        let flow = sample.flow_rad_s;
-        if !(flow.iter().all(|x| x.is_finite()) && sample.interval_s.is_finite()) {
-            return Err(Rejection::NotFinite);
-        }
-        self.check_phase()?;
-        let repeated_s = self.flow_repetition.add(flow.into(), sample.time);
-        let good = sample.quality >= self.config.flow_min_quality
-            && (0.0..=1.0).contains(&sample.interval_s)
-            && repeated_s <= self.config.stuck_after_s
-            && sample.time <= now;
-        if !good {
-            return Err(Rejection::Invalid);
-        }
+        check_flow(
+            sample,
+            now,
+            self.check_phase(),
+            &mut self.flow_repetition,
+            self.config.flow_min_quality,
+            self.config.stuck_after_s,
+        )?;
         check_order(&mut self.flow_last, sample.time)?;
         let (moment, age_s) = self.moment_at(sample.time)?;
         let half = TimeDelta::from_s(0.5 * sample.interval_s);
         let (from, to) = (sample.time - half, sample.time + half);
         let rate = self.past.mean_angular_rate(from, to);
         Flow {
-            flow_rad_s: flow,
+            flow_rad_s: sample.flow_rad_s,
             angular_rate: rate.unwrap_or(moment.angular_rate) - self.attitude.gyroscope_bias(),
             sigma_rad_s: self.config.flow_sigma_rad_s,
             min_distance_m: self.config.flow_min_distance_m,
@@ -54,15 +50,8 @@ impl Cascade {
     }
 
     fn range_seen(&mut self, sample: &RangeSample, now: Timestamp) -> Result<Seen<1>, Rejection> {
-        if !sample.range_m.is_finite() {
-            return Err(Rejection::NotFinite);
-        }
-        self.check_phase()?;
-        let reading = [sample.range_m, 0.0];
-        let repeated_s = self.range_repetition.add(reading, sample.time);
-        if !sample.is_valid() || repeated_s > self.config.stuck_after_s || sample.time > now {
-            return Err(Rejection::Invalid);
-        }
+        let (ready, repetition) = (self.check_phase(), &mut self.range_repetition);
+        check_range(sample, now, ready, repetition, self.config.stuck_after_s)?;
         check_order(&mut self.range_last, sample.time)?;
         let (moment, age_s) = self.moment_at(sample.time)?;
         let sigma_m = self.config.range_sigma_m;

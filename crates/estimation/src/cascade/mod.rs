@@ -25,7 +25,7 @@ use crate::flow_odometry::{is_on_ground, next_phase};
 use crate::imu::{Contact, ImuMonitor};
 use crate::inertial_core::{FUSIONS_CAPACITY, MAX_VELOCITY_SIGMA_M_S};
 use crate::measurement::{Gates, rejected};
-use crate::watch::{Repetition, Watch, health};
+use crate::watch::{Repetition, Watch, health, silence_limit_s};
 use crate::{Estimator, FlowCalibration};
 use kalman::{Biases, HEIGHT, Push, Seen, VELOCITY, VelocityFilter};
 use past::{Moment, Past};
@@ -323,12 +323,11 @@ impl Cascade {
 
     fn health(&self) -> EstimateHealth {
         let now = self.past.latest().map_or(Timestamp::ZERO, |m| m.time);
-        let limit_s = match self.phase {
-            FlightPhase::Landed | FlightPhase::Flying => self.config.degraded_after_s,
-            FlightPhase::TakingOff | FlightPhase::Landing => {
-                self.config.degraded_after_near_ground_s
-            }
-        };
+        let (in_flight_s, near_ground_s) = (
+            self.config.degraded_after_s,
+            self.config.degraded_after_near_ground_s,
+        );
+        let limit_s = silence_limit_s(self.phase, in_flight_s, near_ground_s);
         health(&self.flow_watch, &self.range_watch, now, limit_s)
     }
 }

@@ -7,6 +7,7 @@ use alula_geometry::{Timestamp, so3};
 use nalgebra::{SVector, UnitQuaternion, Vector3};
 
 use super::kalman::{HEIGHT, VELOCITY};
+use crate::imu::mean_angular_rate;
 
 /// What was believed at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,20 +82,8 @@ impl Past {
 
     /// Mean reading of the gyroscope between two times as far as the ring reaches, rad/s.
     pub fn mean_angular_rate(&self, from: Timestamp, to: Timestamp) -> Option<Vector3<f64>> {
-        let mut turn = Vector3::zeros();
-        let mut duration_s = 0.0;
-        for i in (1..self.moments.len()).rev() {
-            let (begin, end) = (self.moments[i - 1].time, self.moments[i].time);
-            if end <= from {
-                break;
-            }
-            let overlap_s = end.min(to).seconds_since(begin.max(from));
-            if overlap_s > 0.0 {
-                turn += self.moments[i].angular_rate * overlap_s;
-                duration_s += overlap_s;
-            }
-        }
-        (duration_s > 0.0).then(|| turn / duration_s)
+        let samples = self.moments.iter().rev();
+        mean_angular_rate(samples.map(|s| (s.time, s.angular_rate)), from, to)
     }
 
     /// Applies a correction of the present to the past, so that the next late measurement is not

@@ -10,7 +10,7 @@ use crate::measurement::{
     FlowMeasurement, Measurement, PlanarVelocityMeasurement, RangeMeasurement, SonarMeasurement,
 };
 use crate::outliers::OutlierTest;
-use crate::watch::Repetition;
+use crate::watch::{Repetition, check_flow, check_range};
 
 /// The downward sensors. Each reading is told the state in which it is judged, and without one,
 /// before take-off, it says nothing.
@@ -61,19 +61,14 @@ impl Downward {
         now: Timestamp,
         state: Option<&Nominal>,
     ) -> Result<Measurement, Rejection> {
-        let flow = sample.flow_rad_s;
-        if !(flow.iter().all(|x| x.is_finite()) && sample.interval_s.is_finite()) {
-            return Err(Rejection::NotFinite);
-        }
-        let state = state.ok_or(Rejection::Phase)?;
-        let repeated_s = self.flow_repetition.add(flow.into(), sample.time);
-        let good = sample.quality >= self.config.flow_min_quality
-            && (0.0..=1.0).contains(&sample.interval_s)
-            && repeated_s <= self.config.stuck_after_s
-            && sample.time <= now;
-        if !good {
-            return Err(Rejection::Invalid);
-        }
+        let state = check_flow(
+            sample,
+            now,
+            state.ok_or(Rejection::Phase),
+            &mut self.flow_repetition,
+            self.config.flow_min_quality,
+            self.config.stuck_after_s,
+        )?;
         // Where the sonar does not tell the distance, that of the state has to do.
         Ok(match self.sonar_distance_m(sample.time, state) {
             Some(distance_m) => self.velocity(sample, distance_m),
@@ -118,8 +113,8 @@ impl Downward {
         now: Timestamp,
         state: Option<&Nominal>,
     ) -> Result<Measurement, Rejection> {
-        let repetition = &mut self.infrared_repetition;
-        check_range(sample, now, state, repetition, self.config.stuck_after_s)?;
+        let (ready, repetition) = (state.ok_or(Rejection::Phase), &mut self.infrared_repetition);
+        check_range(sample, now, ready, repetition, self.config.stuck_after_s)?;
         Ok(Measurement::Range(RangeMeasurement {
             sensor: Sensor::Infrared,
             range_m: sample.range_m,
@@ -136,8 +131,8 @@ impl Downward {
         now: Timestamp,
         state: Option<&Nominal>,
     ) -> Result<Measurement, Rejection> {
-        let repetition = &mut self.sonar_repetition;
-        let state = check_range(sample, now, state, repetition, self.config.stuck_after_s)?;
+        let (ready, repetition) = (state.ok_or(Rejection::Phase), &mut self.sonar_repetition);
+        let state = check_range(sample, now, ready, repetition, self.config.stuck_after_s)?;
         let measurement = SonarMeasurement {
             range_m: sample.range_m,
             body_from_sonar: self.body_from_camera,
@@ -153,23 +148,4 @@ impl Downward {
         self.sonar = Some((sample.time, sample.range_m));
         Ok(Measurement::Sonar(measurement))
     }
-}
-
-/// What every ranger has to pass.
-fn check_range<'a>(
-    sample: &RangeSample,
-    now: Timestamp,
-    state: Option<&'a Nominal>,
-    repetition: &mut Repetition,
-    stuck_after_s: f64,
-) -> Result<&'a Nominal, Rejection> {
-    if !sample.range_m.is_finite() {
-        return Err(Rejection::NotFinite);
-    }
-    let state = state.ok_or(Rejection::Phase)?;
-    let repeated_s = repetition.add([sample.range_m, 0.0], sample.time);
-    if !sample.is_valid() || repeated_s > stuck_after_s || sample.time > now {
-        return Err(Rejection::Invalid);
-    }
-    Ok(state)
 }

@@ -21,7 +21,7 @@ use crate::estimator::TIED;
 use crate::imu::Contact;
 use crate::inertial_core::InertialCore;
 use crate::measurement::Measurement;
-use crate::watch::{Watch, health};
+use crate::watch::{Watch, health, silence_limit_s};
 use downward::Downward;
 use ground::Standing;
 
@@ -183,12 +183,11 @@ impl FlowOdometry {
 
     fn health(&self) -> EstimateHealth {
         let now = self.core.latest_time().unwrap_or_default();
-        let limit_s = match self.phase {
-            FlightPhase::Landed | FlightPhase::Flying => self.config.degraded_after_s,
-            FlightPhase::TakingOff | FlightPhase::Landing => {
-                self.config.degraded_after_near_ground_s
-            }
-        };
+        let (in_flight_s, near_ground_s) = (
+            self.config.degraded_after_s,
+            self.config.degraded_after_near_ground_s,
+        );
+        let limit_s = silence_limit_s(self.phase, in_flight_s, near_ground_s);
         health(&self.flow_watch, &self.range_watch, now, limit_s)
     }
 }
