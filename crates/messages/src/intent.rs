@@ -51,6 +51,17 @@ pub enum FlightMode {
 }
 
 impl FlightMode {
+    /// Every mode.
+    pub const ALL: [Self; 7] = [
+        Self::Disarmed,
+        Self::Armed,
+        Self::TakingOff,
+        Self::Hovering,
+        Self::Flying,
+        Self::Landing,
+        Self::Killed,
+    ];
+
     /// Whether the vehicle flies on its motors in this mode, take-off and landing included.
     pub fn is_airborne(self) -> bool {
         matches!(

@@ -54,15 +54,7 @@ fn command() -> impl Strategy<Value = Command> {
 }
 
 fn mode() -> impl Strategy<Value = FlightMode> {
-    prop::sample::select(vec![
-        FlightMode::Disarmed,
-        FlightMode::Armed,
-        FlightMode::TakingOff,
-        FlightMode::Hovering,
-        FlightMode::Flying,
-        FlightMode::Landing,
-        FlightMode::Killed,
-    ])
+    prop::sample::select(FlightMode::ALL.to_vec())
 }
 
 fn state() -> impl Strategy<Value = NavState> {
