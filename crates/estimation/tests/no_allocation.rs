@@ -1,14 +1,12 @@
 //! After construction the estimators ask the system for no memory.
 
-// An allocator is unsafe by its signature; this one counts and passes every call on.
-#![allow(unsafe_code)]
 #![allow(clippy::unwrap_used)]
 
+#[path = "../../../tests/allocations.rs"]
+mod allocations;
 mod support;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
+use allocations::allocations;
 use alula_estimation::eskf::Variant;
 use alula_estimation::{
     ESTIMATOR_NAMES, Estimator, EstimatorConfig, FlowOdometry, FlowOdometryConfig, SensorSet,
@@ -18,32 +16,6 @@ use alula_geometry::{Pose, TimeDelta};
 use alula_messages::{FlightMode, PoseSample, SensorBatch};
 use nalgebra::Translation3;
 use support::{Flight, LEGS_LAND_S, calibration, config};
-
-thread_local! {
-    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
-}
-
-struct Counting;
-
-// SAFETY: every call goes to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn realloc(&self, old: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        unsafe { System.realloc(old, layout, new_size) }
-    }
-
-    unsafe fn dealloc(&self, old: *mut u8, layout: Layout) {
-        unsafe { System.dealloc(old, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 /// Batches and modes of a flight with take-off, curves and landing.
 fn batches() -> Vec<(SensorBatch, FlightMode)> {
@@ -60,21 +32,13 @@ fn batches() -> Vec<(SensorBatch, FlightMode)> {
 }
 
 /// Allocations over the flight, the first update included.
-fn allocations(config: &FlowOdometryConfig, batches: &[(SensorBatch, FlightMode)]) -> usize {
+fn found(config: &FlowOdometryConfig, batches: &[(SensorBatch, FlightMode)]) -> usize {
     let mut odometry = FlowOdometry::new(config, &calibration()).unwrap();
-    let before = ALLOCATIONS.get();
-    for (batch, mode) in batches {
-        odometry.update(batch, *mode);
-    }
-    ALLOCATIONS.get() - before
-}
-
-#[test]
-fn the_allocator_counts() {
-    let before = ALLOCATIONS.get();
-    let grown: Vec<u8> = Vec::with_capacity(8);
-    assert_eq!(ALLOCATIONS.get() - before, 1);
-    drop(grown);
+    allocations(|| {
+        for (batch, mode) in batches {
+            odometry.update(batch, *mode);
+        }
+    })
 }
 
 #[test]
@@ -87,7 +51,7 @@ fn a_flight_allocates_nothing_whatever_the_variant_and_the_sensors() {
                 sensors,
                 ..config()
             };
-            assert_eq!(allocations(&config, &batches), 0, "{variant} {sensors:?}");
+            assert_eq!(found(&config, &batches), 0, "{variant} {sensors:?}");
         }
     }
 }
@@ -100,7 +64,7 @@ fn no_estimator_allocates_after_construction() {
         let config = EstimatorConfig::default();
         let mut estimator = by_name(name, &config, Some(&calibration())).unwrap();
         let mut batch = SensorBatch::default();
-        let mut allocations = 0;
+        let mut found = 0;
         for i in 1.. {
             let t = flight.step(&mut batch);
             if t > LEGS_LAND_S + 1.0 {
@@ -117,10 +81,10 @@ fn no_estimator_allocates_after_construction() {
                 });
             }
             let mode = flight.mode(t);
-            let before = ALLOCATIONS.get();
-            estimator.update(&batch, mode);
-            allocations += ALLOCATIONS.get() - before;
+            found += allocations(|| {
+                estimator.update(&batch, mode);
+            });
         }
-        assert_eq!(allocations, 0, "{name}");
+        assert_eq!(found, 0, "{name}");
     }
 }

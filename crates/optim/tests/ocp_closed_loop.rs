@@ -1,45 +1,14 @@
 //! The solver in a closed loop: what a warm start is worth, and that it asks for no memory.
 
-// An allocator is unsafe by its signature; this one counts and passes every call on.
-#![allow(unsafe_code)]
-
+#[path = "../../../tests/allocations.rs"]
+mod allocations;
 mod ocp_support;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
+use allocations::allocations;
 use alula_optim::ocp::{OcpExit, OcpReport, OcpSettings, OcpSolver, OptimalControl};
 use nalgebra::{SVector, Vector3};
 use ocp_support::Numbers;
 use ocp_support::mover::{Ellipsoid, INTERVAL_S, Mover, NU, NX, State, max_input};
-
-thread_local! {
-    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
-}
-
-struct Counting;
-
-// SAFETY: every call goes to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, old: *mut u8, layout: Layout) {
-        unsafe { System.dealloc(old, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
-/// Allocations on this thread while `work` is done.
-fn allocations(work: impl FnOnce()) -> usize {
-    let before = ALLOCATIONS.get();
-    work();
-    ALLOCATIONS.get() - before
-}
 
 const INTERVALS: usize = 25;
 
@@ -161,11 +130,6 @@ fn the_first_input_is_that_of_a_solution_to_many_digits() {
     errors.sort_by(f64::total_cmp);
     let p99 = errors[errors.len() * 99 / 100];
     assert!(p99 < 1e-2, "{p99}");
-}
-
-#[test]
-fn the_allocator_counts() {
-    assert_eq!(allocations(|| drop(std::hint::black_box(Box::new(1)))), 1);
 }
 
 #[test]

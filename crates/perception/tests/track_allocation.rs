@@ -1,43 +1,14 @@
 //! Tracking asks the system for no memory.
 
-// An allocator is unsafe by its signature; this one counts and passes every call on.
-#![allow(unsafe_code)]
-
+#[path = "../../../tests/allocations.rs"]
+mod allocations;
 mod track_support;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
+use allocations::allocations;
 use alula_messages::Footprint;
 use alula_perception::{SeenSpace, SeenSpaceConfig, Tracker, TrackerConfig};
 use nalgebra::Vector3;
 use track_support::*;
-
-thread_local! {
-    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
-}
-
-struct Counting;
-
-// SAFETY: every call goes to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn realloc(&self, old: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        unsafe { System.realloc(old, layout, new_size) }
-    }
-
-    unsafe fn dealloc(&self, old: *mut u8, layout: Layout) {
-        unsafe { System.dealloc(old, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 /// More detections than tracks fit in, round and flat, over a second; then the memory of space.
 #[test]
@@ -64,13 +35,12 @@ fn nothing_is_allocated_after_construction() {
             seen.push(more);
         }
         let contour = contour(&camera, stamp(image), &people, &[]);
-        let before = ALLOCATIONS.get();
-        tracker.update(stamp(image), &seen, &contour, &camera.position());
-        space.update(&contour);
-        space.mark_here(&camera.position(), 0.4, stamp(image));
-        count += ALLOCATIONS.get() - before;
+        count += allocations(|| {
+            tracker.update(stamp(image), &seen, &contour, &camera.position());
+            space.update(&contour);
+            space.mark_here(&camera.position(), 0.4, stamp(image));
+        });
     }
-    assert!(ALLOCATIONS.get() > 100, "the allocator counts");
     assert!(tracker.obstacles().len() > 10);
     assert_eq!(count, 0);
 }

@@ -1,64 +1,20 @@
 //! In flight the stack asks the system for no memory.
 
-// An allocator is unsafe by its signature; this one counts and passes every call on.
-#![allow(unsafe_code)]
 // A flight without take-off should stop the test.
 #![allow(clippy::unwrap_used)]
 
+#[path = "../../../tests/allocations.rs"]
+mod allocations;
 mod support;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
+use allocations::allocations;
 use alula_messages::{Fallback, FlightMode};
 use support::{AMONG_PEOPLE, RATE_HZ, Step, flight, fly, replay, replayed};
-
-thread_local! {
-    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
-}
-
-struct Counting;
-
-// SAFETY: every call goes to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn realloc(&self, old: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        unsafe { System.realloc(old, layout, new_size) }
-    }
-
-    unsafe fn dealloc(&self, old: *mut u8, layout: Layout) {
-        unsafe { System.dealloc(old, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
-/// Allocations on this thread while `work` is done.
-fn allocations(work: impl FnOnce()) -> usize {
-    let before = ALLOCATIONS.get();
-    work();
-    ALLOCATIONS.get() - before
-}
-
-fn is_airborne(mode: FlightMode) -> bool {
-    !matches!(mode, FlightMode::Disarmed | FlightMode::Armed)
-}
 
 /// The step at which the vehicle has left the ground.
 fn take_off(steps: &[Step]) -> usize {
     let climbing = |step: &Step| step.output.mode == FlightMode::TakingOff;
     steps.iter().position(climbing).unwrap() + 1
-}
-
-#[test]
-fn the_allocator_counts() {
-    assert_eq!(allocations(|| drop(std::hint::black_box(Box::new(1)))), 1);
 }
 
 /// A change of mode plans a trajectory, and so does a request; nothing else may allocate.
@@ -72,7 +28,7 @@ fn from_take_off_to_touch_down_only_planning_allocates() {
         let before = stack.output().mode;
         let found = allocations(|| replay(&mut stack, step));
         let after = stack.output().mode;
-        if step.intent.is_none() && before == after && is_airborne(after) {
+        if step.intent.is_none() && before == after && after.is_airborne() {
             assert_eq!(found, 0, "{after:?} at {}", stack.output().time);
             quiet_steps += 1;
         }
