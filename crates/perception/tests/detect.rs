@@ -171,6 +171,28 @@ fn a_person_before_a_wall_is_a_box_of_its_own() {
     }
 }
 
+/// Columns see an ellipsoid's belly, on average further back than it comes forward.
+#[test]
+fn a_body_that_narrows_upwards_is_as_wide_and_deep_as_its_belly() {
+    let view = view(1.2, 0.0, 10.0, 0.0);
+    let mut random = generator(13);
+    for distance in [1.3, 1.8, 2.5, 3.5] {
+        let body = Thing::Ellipsoid {
+            centre: Vector3::new(distance, 0.1, 0.9),
+            radius_m: 0.4,
+            half_height_m: 0.9,
+        };
+        let image = noisy(&render(camera(), &view, &[FLOOR, body]), &mut random);
+        let boxes = detect(&image, &view);
+        let found = nearest(&boxes, distance, 0.1);
+        let error = (found.centre_world.xy() - Vector2::new(distance, 0.1)).norm();
+        assert!(error < 0.1, "{error} at {distance}");
+        let [width, depth] = [found.size_m.x, found.size_m.y];
+        assert!((width - 0.8).abs() < 0.12, "{width} at {distance}");
+        assert!((depth - 0.8).abs() < 0.2, "{depth} at {distance}");
+    }
+}
+
 #[test]
 fn people_side_by_side_are_two() {
     let view = view(1.2, 0.0, 0.0, 0.0);

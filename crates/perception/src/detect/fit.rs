@@ -6,12 +6,27 @@ use super::chains::Point;
 
 /// Prior standard deviation of the depth of an arc's ellipse, as a share of its half width: seen
 /// from one side, a thing is taken for round (document L, section 5-1-4).
-const ROUNDNESS: f64 = 0.3;
+const ROUNDNESS: f64 = 0.15;
+/// Standard deviation of the depth of the ellipse that fits a front best from that of the thing, as
+/// a share of its half width.
+const LIKENESS: f64 = 0.2;
 /// Least and greatest half depth of an ellipse, as shares of its half width.
 const FLATTEST: f64 = 0.3;
 const DEEPEST: f64 = 1.5;
 /// The distance of an ellipse changes its tangents, which change its half width: this settles.
 const ROUNDS: usize = 3;
+
+/// The foremost depth of a surface that bulges in height lies this many of its standard deviations
+/// before its mean: `z = c h^2` with `h` from -1 to 1 has the mean `c / 3` and the standard
+/// deviation `c sqrt(4 / 45)`.
+const BULGE_SIGMAS: f64 = 1.118;
+
+/// The widest section of a thing is what its outermost rays touch, and where it is foremost: a point
+/// of it (right, ahead), m.
+fn foremost(point: &Point) -> Vector2<f64> {
+    let depth_m = point.at.y.max(1e-3);
+    point.at * (1.0 - BULGE_SIGMAS * point.excess_m / depth_m).max(0.5)
+}
 
 /// A straight piece of contour, seen from above: (right, ahead) of the camera in the level view, m.
 #[derive(Clone, Copy, Debug)]
@@ -151,7 +166,8 @@ impl Arc {
         let sight = Vector2::new(middle.sin(), middle.cos());
         let mut arc = Self {
             sight,
-            distance_m: points.iter().map(|p| p.at.dot(&sight)).sum::<f64>() / points.len() as f64,
+            distance_m: points.iter().map(|p| foremost(p).dot(&sight)).sum::<f64>()
+                / points.len() as f64,
             half_width_m: 0.0,
             half_depth_m: 0.0,
             covariance: Matrix2::zeros(),
@@ -165,45 +181,52 @@ impl Arc {
 
     /// Least squares for distance and half depth with the half width held.
     fn solve(&mut self, points: &[Point], roughness_m: f64) -> Option<()> {
-        let prior = 1.0 / (ROUNDNESS * self.half_width_m).powi(2);
-        let mut information = Matrix2::new(0.0, 0.0, 0.0, prior);
-        let mut right = Vector2::new(0.0, prior * self.half_width_m);
+        let mut information = Matrix2::zeros();
+        let mut right = Vector2::zeros();
         let mut mean = (0.0, 0.0, 0.0);
         for point in points {
             let weight = 1.0 / (point.surface.variance_m2 + roughness_m * roughness_m);
-            let bulge = self.bulge(point);
+            let front = foremost(point);
+            let bulge = self.bulge(&front);
             let row = Vector2::new(1.0, -bulge);
             information += row * row.transpose() * weight;
-            right += row * (weight * point.at.dot(&self.sight));
+            right += row * (weight * front.dot(&self.sight));
             mean.0 += weight;
             mean.1 += weight * bulge;
-            mean.2 += weight * point.at.dot(&self.sight);
+            mean.2 += weight * front.dot(&self.sight);
         }
-        let covariance = information.try_inverse()?;
-        let solution = covariance * right;
-        self.covariance = covariance;
-        let half = solution[1];
+        // A front that is the same everywhere says nothing of the half depth.
+        information[(1, 1)] += 1e-6 * mean.0;
+        let seen = information.try_inverse()?;
+        let bulge = mean.1 / mean.0;
+        // Things are no ellipses: another half depth, with the mean of the front where it is seen.
+        let shape = Vector2::new(bulge, 1.0) * (LIKENESS * self.half_width_m);
+        let seen_m = seen * right;
+        let covariance = seen + shape * shape.transpose();
+        let prior_m2 = (ROUNDNESS * self.half_width_m).powi(2);
+        let gain = covariance.column(1) / (covariance[(1, 1)] + prior_m2);
+        self.covariance = covariance - gain * covariance.row(1);
+        let half = seen_m[1] + gain[1] * (self.half_width_m - seen_m[1]);
         self.half_depth_m = half.clamp(FLATTEST * self.half_width_m, DEEPEST * self.half_width_m);
         // The mean of the front stays where it is seen when the half depth is limited.
         self.distance_m = (mean.2 + mean.1 * self.half_depth_m) / mean.0;
         Some(())
     }
 
-    fn bulge(&self, point: &Point) -> f64 {
-        let across = point.at.x * self.sight.y - point.at.y * self.sight.x;
+    fn bulge(&self, at: &Vector2<f64>) -> f64 {
+        let across = at.x * self.sight.y - at.y * self.sight.x;
         (1.0 - (across / self.half_width_m).powi(2)).max(0.0).sqrt()
     }
 
-    /// Mean square of the points' distances from the ellipse that noise does not explain, and of
-    /// their depth in their columns, m^2.
+    /// Mean square of the points' distances from the ellipse that noise does not explain, m^2.
     pub fn excess_m2(&self, points: &[Point], roughness_m: f64) -> f64 {
         let sum: f64 = points
             .iter()
             .map(|point| {
-                let front = self.distance_m - self.half_depth_m * self.bulge(point);
-                let error = point.at.dot(&self.sight) - front;
+                let front = foremost(point);
+                let expected_m = self.distance_m - self.half_depth_m * self.bulge(&front);
+                let error = front.dot(&self.sight) - expected_m;
                 error * error - point.surface.variance_m2 - roughness_m * roughness_m
-                    + point.excess_m * point.excess_m
             })
             .sum();
         (sum / points.len() as f64).max(0.0)

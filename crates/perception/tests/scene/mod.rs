@@ -29,6 +29,12 @@ pub enum Thing {
         from_m: f64,
         to_m: f64,
     },
+    /// An upright body of rotation, as widest as `radius_m` at the height of its centre.
+    Ellipsoid {
+        centre: Vector3<f64>,
+        radius_m: f64,
+        half_height_m: f64,
+    },
     /// The level floor.
     Floor { height_m: f64 },
 }
@@ -80,6 +86,21 @@ impl Thing {
                 from_m,
                 to_m,
             } => hit_post(from, along, centre, *radius_m, [*from_m, *to_m]),
+            Self::Ellipsoid {
+                centre,
+                radius_m,
+                half_height_m,
+            } => {
+                let axes = Vector3::new(*radius_m, *radius_m, *half_height_m);
+                let (p, d) = (
+                    (from - centre).component_div(&axes),
+                    along.component_div(&axes),
+                );
+                let (a, b, c) = (d.dot(&d), d.dot(&p), p.dot(&p) - 1.0);
+                let root = b * b - a * c;
+                let t = (root >= 0.0).then(|| (-b - root.sqrt()) / a);
+                t.filter(|t| *t > 0.0)
+            }
         }
     }
 }
