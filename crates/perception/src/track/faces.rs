@@ -1,10 +1,14 @@
 //! What an image tells about a box: the places of its sides, those that it shows.
 
 use alula_messages::{Cut, Detection, Footprint};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 /// Number of sides of a box.
 pub(super) const FACES: usize = 6;
+
+/// A point of a round thing this near to the ray that touches it, as a share of its radius, says no
+/// more of where the thing is than one at that distance.
+const LEAST_OFFSET: f64 = 0.05;
 
 /// Places of the sides of a detected box along its own axes, in the order x low, x high, y low,
 /// y high, z low, z high.
@@ -26,6 +30,23 @@ pub(super) struct Faces {
     /// The side that faces away from the camera, of the axis that lies closest to the line of
     /// sight; of a flat piece the one behind its surface.
     back: usize,
+    /// What is known of a round thing of which this is one side.
+    flank: Option<Flank>,
+}
+
+/// One side of something round that the image cuts off on the other: the ray that touches it, and a
+/// point of its surface. Horizontal, world.
+#[derive(Clone, Copy, Debug)]
+struct Flank {
+    /// Unit, along the ray.
+    along: Vector2<f64>,
+    /// Unit, across the ray to the side on which the thing is.
+    inward: Vector2<f64>,
+    /// Where the ray is, m along `inward`.
+    ray_m: f64,
+    point: Vector2<f64>,
+    ray_variance_m2: f64,
+    point_variance_m2: f64,
 }
 
 /// -1 for the lower side of an axis, +1 for the upper one.
@@ -51,14 +72,69 @@ impl Faces {
         }
         let shown = shown_faces(detection, &axes, camera_world, hidden);
         let back = back_face(detection, &axes, camera_world);
-        Self {
+        let mut faces = Self {
             yaw_rad: detection.yaw_rad,
             axes,
             places,
             covariance: face_covariance(detection, &axes, &shown, back, shape_noise_m),
             shown,
             back,
+            flank: None,
+        };
+        faces.flank = Flank::new(detection, camera_world, &faces);
+        faces
+    }
+
+    /// The sides of something round with this radius and standard deviation of it, m, of which this
+    /// is one side; `None` if it is not, and the sides are what they are.
+    ///
+    /// A circle of radius `r` that touches the ray and goes through a point at `w` from the ray has
+    /// its centre `sqrt(r^2 - (r - w)^2)` behind the point.
+    pub fn of_round(&self, radius_m: f64, sigma_m: f64) -> Option<Self> {
+        let flank = self.flank?;
+        let (low, high) = (LEAST_OFFSET * radius_m, (2.0 - LEAST_OFFSET) * radius_m);
+        let offset_m = flank.inward.dot(&flank.point) - flank.ray_m;
+        if !(radius_m > 0.0 && offset_m < high) {
+            return None;
         }
+        let offset_m = offset_m.max(low);
+        let behind_m = (radius_m.powi(2) - (radius_m - offset_m).powi(2)).sqrt();
+        let by_offset = (radius_m - offset_m) / behind_m;
+        let by_radius = offset_m / behind_m - 1.0;
+        let yaw_rad = flank.along.y.atan2(flank.along.x);
+        let mut faces = Self {
+            yaw_rad,
+            axes: box_axes(yaw_rad),
+            back: 1,
+            flank: None,
+            ..self.clone()
+        };
+        let lateral = faces.axes[1].xy();
+        let (edge, unseen) = if flank.inward.dot(&lateral) > 0.0 {
+            (2, 3)
+        } else {
+            (3, 2)
+        };
+        let front_m = flank.along.dot(&flank.point) + behind_m - radius_m;
+        faces.places[0] = front_m;
+        faces.places[1] = front_m;
+        faces.places[edge] = lateral.dot(&flank.inward) * flank.ray_m;
+        faces.places[unseen] = lateral.dot(&flank.point);
+        faces.shown[..4].copy_from_slice(&[true, false, edge == 2, edge == 3]);
+        for face in 0..4 {
+            faces.covariance.row_mut(face).fill(0.0);
+            faces.covariance.column_mut(face).fill(0.0);
+        }
+        let of_front = flank.point_variance_m2
+            + by_offset.powi(2) * flank.ray_variance_m2
+            + (by_radius * sigma_m).powi(2);
+        for (face, variance) in [(0, of_front), (1, of_front)] {
+            faces.covariance[(face, face)] = variance;
+        }
+        for face in [edge, unseen] {
+            faces.covariance[(face, face)] = flank.ray_variance_m2;
+        }
+        Some(faces)
     }
 
     /// The box stands for the surface of something that is not flat: what lies behind is unknown.
@@ -80,6 +156,7 @@ impl Faces {
 
     /// Extends the box to hold the other one, in the axes of the first.
     pub fn unite(&mut self, other: &Detection) {
+        self.flank = None;
         let other_axes = box_axes(other.yaw_rad);
         for face in 0..FACES {
             let axis = &self.axes[face / 2];
@@ -93,6 +170,51 @@ impl Faces {
             }
         }
     }
+}
+
+impl Flank {
+    /// The side of a compact thing that is seen where the other one is not.
+    fn new(detection: &Detection, camera_world: &Vector3<f64>, faces: &Faces) -> Option<Self> {
+        let camera = camera_world.xy();
+        let centre = detection.centre_world.xy();
+        let lateral = 1 - faces.back / 2;
+        let (low, high) = (faces.shown[2 * lateral], faces.shown[2 * lateral + 1]);
+        if low == high {
+            return None;
+        }
+        let edge = 2 * lateral + usize::from(high);
+        let front = faces.back ^ 1;
+        let outward = faces.axes[lateral].xy() * side_sign(edge);
+        let ahead = faces.axes[faces.back / 2].xy() * side_sign(faces.back);
+        let half_width = outward * (0.5 * detection.size_m[lateral]);
+        let face = centre - ahead * (0.5 * detection.size_m[faces.back / 2]);
+        let (touched, point) = match detection.footprint {
+            Footprint::Flat => (face + half_width, face - half_width),
+            Footprint::Round => (centre + tangent(&(centre - camera), &half_width), face),
+        };
+        let along = (touched - camera).try_normalize(1e-6)?;
+        let left = Vector2::new(-along.y, along.x);
+        let inward = if left.dot(&(point - camera)) > 0.0 {
+            left
+        } else {
+            -left
+        };
+        Some(Self {
+            along,
+            inward,
+            ray_m: inward.dot(&camera),
+            point,
+            ray_variance_m2: faces.covariance[(edge, edge)],
+            point_variance_m2: faces.covariance[(front, front)],
+        })
+    }
+}
+
+/// Where the ray from a point at `-sight` touches a circle around the origin, on the side of a
+/// radius across the line of sight.
+fn tangent(sight: &Vector2<f64>, radius: &Vector2<f64>) -> Vector2<f64> {
+    let sine_squared = (radius.norm_squared() / sight.norm_squared()).min(1.0);
+    radius * (1.0 - sine_squared).sqrt() - sight * sine_squared
 }
 
 /// Axes of an upright box, world.
@@ -273,4 +395,81 @@ fn shown_sides(
     let whole = shown[2 * lateral] && shown[2 * lateral + 1];
     shown[2 * depth + upper_is_back] = whole;
     shown
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alula_messages::PixelBox;
+
+    const CAMERA: Vector3<f64> = Vector3::new(0.3, -0.2, 1.2);
+
+    /// The flat piece between the ray that touches a circle and a point of its front, as a detector
+    /// sees it whose image ends there, on the left.
+    fn flank(centre: &Vector2<f64>, radius_m: f64, seen_share: f64) -> Detection {
+        let sight = centre - CAMERA.xy();
+        let (distance, bearing) = (sight.norm(), sight.y.atan2(sight.x));
+        let half = (radius_m / distance).asin();
+        let point = |share: f64| {
+            let angle = (1.0 - share) * half;
+            let range = distance * angle.cos()
+                - (radius_m.powi(2) - (distance * angle.sin()).powi(2))
+                    .max(0.0)
+                    .sqrt();
+            let heading = bearing - angle;
+            CAMERA.xy() + Vector2::new(heading.cos(), heading.sin()) * range
+        };
+        let (touched, last) = (point(0.0), point(seen_share));
+        let along = last - touched;
+        let middle = 0.5 * (touched + last);
+        Detection {
+            centre_world: Vector3::new(middle.x, middle.y, 1.0),
+            centre_covariance: Matrix3::identity() * 1e-4,
+            yaw_rad: along.y.atan2(along.x),
+            size_m: Vector3::new(along.norm(), 0.0, 1.6),
+            size_variance_m2: Vector3::new(0.09, 1e-4, 1e-4),
+            footprint: Footprint::Flat,
+            cut: Cut {
+                left: true,
+                ..Cut::default()
+            },
+            depth_m: [distance - radius_m, distance],
+            pixels: 500,
+            window: PixelBox {
+                left: 0,
+                right: 60,
+                top: 10,
+                bottom: 100,
+            },
+        }
+    }
+
+    #[test]
+    fn the_flank_of_a_circle_shows_where_its_front_and_its_side_are() {
+        let (centre, radius_m) = (Vector2::new(1.1, 0.4), 0.38);
+        for seen_share in [0.3, 0.6, 0.9] {
+            let detection = flank(&centre, radius_m, seen_share);
+            let seen = Faces::new(&detection, &CAMERA, Cut::default(), 0.01);
+            let faces = seen.of_round(radius_m, 0.01).unwrap();
+            let shown: Vec<usize> = (0..4).filter(|&face| faces.shown[face]).collect();
+            assert_eq!(shown.len(), 2, "{:?}", faces.shown);
+            for face in shown {
+                let axis = faces.axes[face / 2].xy();
+                let truth = axis.dot(&centre) + side_sign(face) * radius_m;
+                let error = (faces.places[face] - truth).abs();
+                assert!(error < 1e-9, "side {face}: {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_thing_that_is_seen_whole_or_not_at_all_has_no_flank() {
+        let mut detection = flank(&Vector2::new(1.5, 0.0), 0.3, 0.5);
+        detection.cut.right = true;
+        let both = Faces::new(&detection, &CAMERA, Cut::default(), 0.01);
+        assert!(both.of_round(0.3, 0.01).is_none());
+        detection.cut = Cut::default();
+        let whole = Faces::new(&detection, &CAMERA, Cut::default(), 0.01);
+        assert!(whole.of_round(0.3, 0.01).is_none());
+    }
 }

@@ -1,6 +1,7 @@
 //! What a detection tells about a track: innovation, and the Kalman update.
 
 use alula_geometry::Timestamp;
+use alula_messages::Footprint;
 use nalgebra::{Cholesky, SMatrix, SVector};
 
 use super::Gates;
@@ -9,6 +10,9 @@ use super::faces::{FACES, Faces, side_sign};
 use super::followed::{Track, wrap};
 use super::kalman::{MIN_SIZE_M, POSITION, SIZE, STATES, State};
 use super::turns::WAYS;
+
+/// The radius of a track is known to this standard deviation, m.
+const KNOWN_RADIUS_M: f64 = 0.06;
 
 /// The sides of a detection that are compared with a track. Those that are not have no row: they
 /// differ by zero, their row of the Jacobian is zero, and their variance is one.
@@ -113,7 +117,19 @@ impl<'a> Sides<'a> {
 impl Track {
     /// Compares the sides of a detection with the prediction.
     pub fn innovation(&self, faces: &Faces) -> Option<Innovation> {
-        Sides::new(self, faces).innovation(&self.state)
+        let of_round = self.as_round(faces);
+        Sides::new(self, of_round.as_ref().unwrap_or(faces)).innovation(&self.state)
+    }
+
+    /// The sides of a round track whose size is known, of which an image shows one side.
+    fn as_round(&self, faces: &Faces) -> Option<Faces> {
+        let size = self.size();
+        let variance = |i: usize| self.state.covariance[(SIZE + i, SIZE + i)];
+        let sigma_m = 0.5 * variance(0).max(variance(1)).max(0.0).sqrt();
+        let is_known = self.footprint == Footprint::Round && sigma_m < KNOWN_RADIUS_M;
+        is_known
+            .then(|| faces.of_round(0.25 * (size.x + size.y), sigma_m))
+            .flatten()
     }
 
     /// Takes in a detection. Beyond the gate the measurement's noise is raised until the difference
@@ -125,6 +141,8 @@ impl Track {
         gates: &Gates,
         model: &TrackModelConfig,
     ) {
+        let of_round = self.as_round(faces);
+        let faces = of_round.as_ref().unwrap_or(faces);
         let mut sides = Sides::new(self, faces);
         let Some(innovation) = sides.innovation(&self.state) else {
             return;

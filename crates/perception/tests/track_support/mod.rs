@@ -189,7 +189,8 @@ fn detection(
     let seen_depth = to.dot(&sight);
     // Half the seen width, as of a circle that touches the outer rays.
     let half_angle = 0.5 * (tans[1].atan() - tans[0].atan());
-    let distance = to.norm() - thing.radius_m;
+    // Of what is seen, the surface in the middle.
+    let distance = range_to_cylinder(camera.place, sight, thing);
     let half = (distance * half_angle.sin() / (1.0 - half_angle.sin())).max(0.01);
     let pitch = seen_depth
         / camera
