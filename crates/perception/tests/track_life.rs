@@ -66,6 +66,30 @@ fn id_at(obstacles: &[Obstacle], x: f64, y: f64) -> u32 {
     find(obstacles, &Vector2::new(x, y)).unwrap().id
 }
 
+/// He turned where he was not seen, and comes back where he was not expected.
+#[test]
+fn who_comes_back_from_elsewhere_keeps_his_number() {
+    for seed in 0..5 {
+        let mut watch = Watch::new(seed);
+        // Out of the view to the left, and back in 0.7 m nearer.
+        let walker = |t: f64| {
+            let (x, y) = if t < 2.0 {
+                (2.5, 1.2 * t)
+            } else {
+                (1.8, 2.4 - 1.2 * (t - 2.0))
+            };
+            vec![cylinder(x, y)]
+        };
+        let before = watch.see_for(1.5, walker);
+        let number = before.iter().find(|o| o.sight == Sight::Seen).unwrap().id;
+        let after = watch.see_for(1.6, walker);
+        let moving: Vec<_> = after.iter().filter(|o| o.sight == Sight::Seen).collect();
+        assert_eq!(moving.len(), 1, "{moving:?}");
+        assert_eq!(moving[0].id, number, "seed {seed}");
+        assert_eq!(after.len(), 1, "{after:?}");
+    }
+}
+
 #[test]
 fn people_who_cross_keep_their_numbers() {
     for seed in 0..5 {

@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use alula_geometry::Timestamp;
 use alula_messages::{Footprint, Obstacle, ObstacleMotion, Sight};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Cholesky, Vector2, Vector3};
 
 use super::config::TrackModelConfig;
 use super::kalman::{Motion, SIZE, State};
@@ -88,6 +88,44 @@ impl Track {
         self.sight = Sight::Seen;
         self.last_seen = time;
         self.images = self.images.saturating_add(1);
+        self.misses = 0;
+        self.missed_s = 0.0;
+    }
+
+    /// Whether it is something round that may move and was seen in so many images by now.
+    pub fn is_fresh_round(&self, images: u32) -> bool {
+        self.footprint == Footprint::Round
+            && self.motion != ObstacleMotion::Static
+            && self.sight == Sight::Seen
+            && self.images == images
+    }
+
+    /// Squared Mahalanobis distance, seen from above, of another track from where this one, which
+    /// moves and is not seen, may be; `None` if it does not move or is seen.
+    pub fn distance_as(&self, found: &Self) -> Option<f64> {
+        let is_lost = self.footprint == Footprint::Round
+            && self.motion == ObstacleMotion::Moving
+            && self.sight != Sight::Seen;
+        let block = |track: &Self| {
+            let view = track.state.covariance.fixed_view::<2, 2>(0, 0);
+            view.into_owned()
+        };
+        let factor = is_lost.then(|| Cholesky::new(block(self) + block(found)))??;
+        let apart = (found.position() - self.position()).xy();
+        Some(apart.dot(&factor.solve(&apart)))
+    }
+
+    /// Goes on as a track that turned out to be of the same thing, with the lengths that were known.
+    pub fn resume(&mut self, found: &Self) {
+        let (_, turn) = self.alignment(found.yaw_rad);
+        self.yaw_rad = wrap(self.yaw_rad + turn);
+        let lengths = self.state;
+        self.state = found.state;
+        self.state.take_lengths(&lengths);
+        self.turns = None;
+        self.images = self.images.saturating_add(found.images);
+        self.sight = Sight::Seen;
+        self.last_seen = found.last_seen;
         self.misses = 0;
         self.missed_s = 0.0;
     }

@@ -99,6 +99,22 @@ impl State {
         self.mean.fixed_rows_mut::<3>(POSITION).copy_from(position);
     }
 
+    /// Takes the lengths of another state over, independent of position and velocity.
+    pub fn take_lengths(&mut self, other: &Self) {
+        for i in SIZE..STATES {
+            self.mean[i] = other.mean[i];
+            for j in 0..STATES {
+                let known = if j < SIZE {
+                    0.0
+                } else {
+                    other.covariance[(i, j)]
+                };
+                self.covariance[(i, j)] = known;
+                self.covariance[(j, i)] = known;
+            }
+        }
+    }
+
     pub fn shift(&mut self, by_world: &Vector3<f64>) {
         let moved = self.position() + by_world;
         self.set_position(&moved);

@@ -114,6 +114,7 @@ impl Tracker {
         self.correct(time, dt_s);
         self.judge_unseen(contour, dt_s);
         self.forget(time, vehicle_world);
+        self.recognise(time);
         self.start_new(time, vehicle_world);
         self.publish(time);
         &self.obstacles
@@ -268,6 +269,36 @@ impl Tracker {
             let old = track.motion != ObstacleMotion::Static && unseen_s > life.keep_s;
             !(replaced || gone || old || distance_m > life.keep_distance_m)
         });
+    }
+
+    /// Somebody new who appears where one who was lost may be is the one who was lost.
+    fn recognise(&mut self, time: Timestamp) {
+        let life = &self.config.life;
+        let mut index = 0;
+        while index < self.tracks.len() {
+            let found = &self.tracks[index];
+            let was_lost = |track: &Track| {
+                let lost_s = time.seconds_since(track.last_seen);
+                lost_s > life.merge_s && track.images >= life.confirm_images
+            };
+            let lost = found
+                .is_fresh_round(life.confirm_images)
+                .then(|| {
+                    let lost = self.tracks.iter().enumerate();
+                    lost.filter(|(_, track)| was_lost(track))
+                        .filter_map(|(at, track)| Some((at, track.distance_as(found)?)))
+                        .min_by(|a, b| a.1.total_cmp(&b.1))
+                })
+                .flatten();
+            match lost {
+                Some((at, distance)) if distance <= self.gates.of_sides[2] => {
+                    let found = self.tracks.remove(index);
+                    let at = if at > index { at - 1 } else { at };
+                    self.tracks[at].resume(&found);
+                }
+                _ => index += 1,
+            }
+        }
     }
 
     /// Starts a track for every detection that has none; without room, in place of a farther one.
