@@ -41,8 +41,6 @@ pub struct PredictivePlanner {
     planned: bool,
     /// Way round the obstacle that blocks the straight way.
     detour: Option<Detour>,
-    /// Side on which the next other guess leads: 1 left, -1 right.
-    side: f64,
 }
 
 /// A solution of the present problem.
@@ -83,7 +81,6 @@ impl PredictivePlanner {
             },
             planned: false,
             detour: None,
-            side: 1.0,
         })
     }
 
@@ -163,28 +160,21 @@ impl PredictivePlanner {
             }
         }
         self.solver.forget();
-        self.path = self.flight(request, start, target, None);
+        let speed_m_s = request.max_speed_m_s[0].max(0.0);
+        self.path = self.flight(start, target, None, speed_m_s);
     }
 
+    /// A simple flight with the present yaw.
     fn flight(
         &self,
-        request: &PlanRequest<'_>,
         start: &State,
         target: &Vector3<f64>,
         via: Option<&Via>,
+        speed_m_s: f64,
     ) -> Path {
-        let speed = request.max_speed_m_s[0].max(0.0);
         let yaw = [start[8]; PLAN_POINTS];
-        let limit = &self.problem.input_limit;
-        simple_flight(
-            &self.problem.dynamics,
-            limit,
-            start,
-            target,
-            via,
-            speed,
-            &yaw,
-        )
+        let (dynamics, limit) = (&self.problem.dynamics, &self.problem.input_limit);
+        simple_flight(dynamics, limit, start, target, via, speed_m_s, &yaw)
     }
 
     /// Solves from the path as the first guess.

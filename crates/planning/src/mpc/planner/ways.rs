@@ -1,5 +1,7 @@
 //! Other guesses and ways round: what helps where the program alone would stand still.
 
+use std::f64::consts::TAU;
+
 use alula_messages::{ObstacleMotion, PLAN_INTERVALS};
 use alula_optim::ocp::OcpExit;
 use nalgebra::Vector3;
@@ -13,6 +15,12 @@ use super::{PredictivePlanner, Solution, position};
 
 /// Another solution replaces the first when its cost is lower by this share.
 const BETTER: f64 = 0.15;
+/// Directions of the straight flights that are tried,
+const DIRECTIONS: usize = 8;
+/// how far away they aim, m,
+const AIM_M: f64 = 4.0;
+/// and their least speed, m/s.
+const EVASION_M_S: f64 = 1.5;
 /// A solution that lacks more clearance than this is tried again from another guess, m.
 const BLOCKED_M: f64 = 0.02;
 /// A plan comes to a halt when it ends further from the goal than this, m,
@@ -25,9 +33,8 @@ const STANDING_M: f64 = 0.5;
 const VIA_LEAD_M: f64 = 2.0;
 
 impl PredictivePlanner {
-    /// Solves again from a guess that leads past the nearest obstacle if the solution comes too
-    /// near to one or to a halt, and keeps the better solution. The side alternates from call to
-    /// call.
+    /// Solves again from the cheapest of a fan of simple flights if the solution comes too near to
+    /// an obstacle or to a halt, and keeps the better solution.
     pub(super) fn try_other_guess(
         &mut self,
         request: &PlanRequest<'_>,
@@ -40,10 +47,7 @@ impl PredictivePlanner {
         if first.violation_m <= BLOCKED_M && !halts {
             return first;
         }
-        self.side = -self.side;
-        let nearest = self.nearest(&first.path);
-        let past = nearest.and_then(|k| detour::via(k, self.side, &position(start), target));
-        self.path = self.flight(request, start, target, past.as_ref());
+        self.path = self.cheapest_flight(request, start, target, &first.path);
         self.solver.forget();
         let second = self.solve(start);
         let better = second.report.exit != OcpExit::NotFinite
@@ -53,6 +57,40 @@ impl PredictivePlanner {
         }
         self.solver.forget();
         first
+    }
+
+    /// The cheapest of some simple flights: past the obstacle nearest to the path of a solution on
+    /// either side, to a halt, and straight in directions all round.
+    fn cheapest_flight(
+        &self,
+        request: &PlanRequest<'_>,
+        start: &State,
+        target: &Vector3<f64>,
+        path: &Path,
+    ) -> Path {
+        let from = position(start);
+        let limit_m_s = request.max_speed_m_s[0].max(0.0);
+        let mut best: Option<(f64, Path)> = None;
+        let mut consider = |path: Path| {
+            let cost = self.problem.value(&path.states, &path.inputs);
+            if best.as_ref().is_none_or(|(least, _)| cost < *least) {
+                best = Some((cost, path));
+            }
+        };
+        if let Some(nearest) = self.nearest(path) {
+            for side in [1.0, -1.0] {
+                let past = detour::via(nearest, side, &from, target);
+                consider(self.flight(start, target, past.as_ref(), limit_m_s));
+            }
+        }
+        for step in 0..DIRECTIONS {
+            let (sin, cos) = (TAU * step as f64 / DIRECTIONS as f64).sin_cos();
+            let aim = Vector3::new(from.x + AIM_M * cos, from.y + AIM_M * sin, target.z);
+            consider(self.flight(start, &aim, None, limit_m_s.max(EVASION_M_S)));
+        }
+        let halt = self.flight(start, target, None, 0.0);
+        consider(halt.clone());
+        best.map_or(halt, |(_, path)| path)
     }
 
     /// The volume with the least clearance from a path.
