@@ -3,8 +3,8 @@
 
 use std::f64::consts::{PI, TAU};
 
-use alula_geometry::Timestamp;
 use alula_geometry::so3::wrap_angle;
+use alula_geometry::{Timestamp, so3};
 use alula_messages::{Footprint, NavState, Obstacle, ObstacleMotion, Sight};
 use nalgebra::Vector2;
 
@@ -23,14 +23,15 @@ const WAY_RAD: f64 = 0.45;
 const WAY_WEIGHT: f64 = 1.5;
 /// A direction in which a walker is counts this much over the time in which he could be here, s.
 const WALKER_WEIGHT_S: f64 = 4.0;
-/// ... or this share of it if he must turn for that,
-const TURN_SHARE: f64 = 0.8;
-/// and the time is at least this, s.
+/// which is at least this, s,
 const AT_ONCE_S: f64 = 0.3;
+/// and longer by this if he must turn for that, s.
+const TURN_S: f64 = 1.0;
 /// A walker comes nearer by at least this when he comes straight here: who flees slows down, m/s.
 const LEAST_CLOSING_M_S: f64 = 0.2;
-/// Who is further aside than one who can meet the vehicle, by this angle, was passed, rad.
-const BEHIND_RAD: f64 = 0.35;
+/// By no more than this a walker is further aside than where one can meet the vehicle, because he
+/// is wide and may be nearer than he should, rad.
+const WIDE_RAD: f64 = 0.8;
 /// Distance at which a walker is here, m.
 const TOUCH_M: f64 = 0.8;
 /// After this time more of it makes a walker no more urgent: a near one is than a far one, s.
@@ -38,7 +39,7 @@ const LOST_S: f64 = 1.0;
 /// A walker who is seen counts as if unseen for this long, so that a near one is kept in view, s.
 const HOLD_S: f64 = 0.5;
 /// This far within the view a walker is seen whole, rad.
-const WHOLE_RAD: f64 = 0.3;
+const WHOLE_RAD: f64 = 0.2;
 /// Who comes nearer than this, m,
 const NEAR_M: f64 = 1.5;
 /// within this time comes near, s.
@@ -52,6 +53,16 @@ const LONG_SHARE: f64 = 0.1;
 /// A direction that was never looked at counts as if seen this long ago, s.
 const NEVER_S: f64 = 10.0;
 
+/// Headings that are compared.
+const HEADINGS: usize = 72;
+/// The chosen heading counts this many times as much, by the walkers and by the places that it
+/// shows: a place must not be given up for another on the way to it.
+const KEEP: [f64; 2] = [1.2, 2.0];
+/// What a radian of turning is worth against what is shown, s,
+const TURN_COST: f64 = 0.2;
+/// and a radian away from the course, s.
+const ASIDE_COST: f64 = 0.1;
+
 /// When each direction was last looked at, and where to look next.
 #[derive(Clone, Debug)]
 pub(super) struct Glance {
@@ -59,7 +70,8 @@ pub(super) struct Glance {
     /// When somebody was last seen who moves.
     people: Option<Timestamp>,
     half_view_rad: f64,
-    aim: Option<usize>,
+    /// Heading that was chosen last, rad.
+    aim: Option<f64>,
 }
 
 impl Glance {
@@ -105,67 +117,138 @@ impl Glance {
         age_s.min(LONG_S) + LONG_SHARE * beyond_s
     }
 
-    /// Who is not where he should be seen is not found by looking there.
-    fn drop_missed(&self, state: &NavState, known: &[Obstacle], urgency: &mut [f64; SECTORS]) {
-        for missed in known.iter().filter(|o| o.sight == Sight::Missed) {
-            let sector = sector_towards(missed, state);
-            if self.neglect_s(sector, state.time) < FRESH_S {
-                urgency[sector] = 0.0;
+    /// How urgent it is to look at walkers, by direction. Who is out of sight is somewhere about
+    /// where he should be, and not where the vehicle has just looked in vain.
+    fn walkers(
+        &self,
+        state: &NavState,
+        way_rad: f64,
+        soon: &Vector2<f64>,
+        known: &[Obstacle],
+        walker_m_s: f64,
+    ) -> [f64; SECTORS] {
+        let mut urgency = [0.0; SECTORS];
+        for walker in known.iter().filter(|o| may_walk(o)) {
+            let Some(time_s) = reach_s(walker, state, way_rad, soon, walker_m_s) else {
+                continue;
+            };
+            let (middle_rad, half_rad) = whereabouts(walker, state);
+            let may_be = |sector: &usize| {
+                let is_near = wrap_angle(bearing(*sector) - middle_rad).abs() <= half_rad;
+                let is_open = matches!(walker.sight, Sight::Seen | Sight::Hidden)
+                    || self.neglect_s(*sector, state.time) >= FRESH_S;
+                is_near && is_open
+            };
+            let count = (0..SECTORS).filter(may_be).count().max(1);
+            let share = urgency_of(walker, state, time_s) / count as f64;
+            for sector in (0..SECTORS).filter(may_be) {
+                urgency[sector] += share;
             }
         }
+        urgency
     }
 
     /// Heading in which to look now, rad; `None` to look ahead. `way_rad` is the heading of the
-    /// way, `velocity` that of the vehicle, world.
+    /// way, `soon` the velocity that is planned, world, m/s.
     pub fn heading(
         &mut self,
         state: &NavState,
         way_rad: f64,
+        soon: &Vector2<f64>,
         known: &[Obstacle],
         conduct: &ConductConfig,
     ) -> Option<f64> {
-        let now = state.time;
-        let velocity = state.velocity_world.xy();
-        if !self.is_wary(now, conduct) {
+        if !self.is_wary(state.time, conduct) {
             self.aim = None;
             return None;
         }
-        let speed_m_s = velocity.norm();
-        let (course, aside) = if speed_m_s > KEEP_WAY_M_S {
-            (
-                velocity.y.atan2(velocity.x),
-                conduct.glance_deg.to_radians(),
-            )
-        } else {
-            (way_rad, PI)
+        let urgency = self.urgency(state, way_rad, soon, known, conduct);
+        let greatest = urgency.places.iter().chain(&urgency.walkers);
+        if greatest.fold(0.0, |a: f64, b| a.max(*b)) <= conduct.glance_s {
+            self.aim = None;
+            return None;
+        }
+        let now_rad = so3::yaw_rad(&state.world_from_body.rotation);
+        let ahead_rad = course(state, way_rad).0;
+        let worth = |heading_rad: f64, keep: [f64; 2]| {
+            let turn = wrap_angle(heading_rad - now_rad).abs();
+            let aside = wrap_angle(heading_rad - ahead_rad).abs();
+            let (people, place) = self.shown(&urgency, heading_rad);
+            let [keep_people, keep_place] = keep;
+            keep_people * people + keep_place * place - TURN_COST * turn - ASIDE_COST * aside
         };
+        let mut best = self.aim.unwrap_or(ahead_rad);
+        let mut most = worth(best, KEEP);
+        for step in 0..HEADINGS {
+            let heading_rad = TAU * step as f64 / HEADINGS as f64;
+            let value = worth(heading_rad, [1.0; 2]);
+            if value > most {
+                (best, most) = (heading_rad, value);
+            }
+        }
+        self.aim = Some(best);
+        Some(wrap_angle(best))
+    }
+
+    /// How urgent it is to look in each direction.
+    fn urgency(
+        &self,
+        state: &NavState,
+        way_rad: f64,
+        soon: &Vector2<f64>,
+        known: &[Obstacle],
+        conduct: &ConductConfig,
+    ) -> Urgency {
+        let walkers = self.walkers(state, way_rad, soon, known, conduct.walker_m_s);
+        let (course_rad, aside) = course(state, way_rad);
+        let speed_m_s = mean_velocity(state, soon).norm();
+        let aside = aside.unwrap_or(conduct.glance_deg.to_radians());
         let reach = meeting_angle(speed_m_s, conduct.walker_m_s).min(aside + self.half_view_rad);
-        let mut walkers = walkers(state, way_rad, known, conduct.walker_m_s);
-        self.drop_missed(state, known, &mut walkers);
-        let urgency = |sector: usize| {
-            let off = wrap_angle(bearing(sector) - course).abs();
-            let neglect_s = self.neglect_s(sector, now);
+        let places = std::array::from_fn(|sector| {
+            let off = wrap_angle(bearing(sector) - course_rad).abs();
             let ahead = if off < WAY_RAD { WAY_WEIGHT } else { 1.0 };
-            let place = if off < reach { ahead * neglect_s } else { 0.0 };
-            walkers[sector].max(place)
-        };
-        let best = (0..SECTORS).max_by(|&a, &b| urgency(a).total_cmp(&urgency(b)));
-        let best = best.filter(|&best| urgency(best) > conduct.glance_s);
-        let kept = self.aim.filter(|&aim| urgency(aim) > FRESH_S);
-        self.aim = match (kept, best) {
-            (Some(kept), Some(best)) if urgency(best) > 2.0 * urgency(kept) => Some(best),
-            (Some(kept), _) => Some(kept),
-            (None, best) => best,
-        };
-        let aim = self.aim?;
-        let off = wrap_angle(bearing(aim) - course);
-        let (inside, aside) = if walkers[aim] > 0.0 {
-            (WHOLE_RAD, PI)
-        } else {
-            (0.5 * TAU / SECTORS as f64, aside)
-        };
-        let turn = (off.abs() - self.half_view_rad + inside).clamp(0.0, aside);
-        Some(wrap_angle(course + turn.copysign(off)))
+            if off < reach {
+                ahead * self.neglect_s(sector, state.time)
+            } else {
+                0.0
+            }
+        });
+        Urgency { places, walkers }
+    }
+
+    /// What a camera with this heading shows of what is urgent: all walkers, and the places most
+    /// urgent among them.
+    fn shown(&self, urgency: &Urgency, heading_rad: f64) -> (f64, f64) {
+        let whole_rad = (self.half_view_rad - WHOLE_RAD).max(0.0);
+        let mut people = 0.0;
+        let mut place = 0.0_f64;
+        for sector in 0..SECTORS {
+            let off = wrap_angle(bearing(sector) - heading_rad).abs();
+            if off < whole_rad {
+                people += urgency.walkers[sector];
+            }
+            if off < self.half_view_rad {
+                place = place.max(urgency.places[sector]);
+            }
+        }
+        (people, place)
+    }
+}
+
+/// How urgent it is to look in a direction, by sector.
+struct Urgency {
+    places: [f64; SECTORS],
+    walkers: [f64; SECTORS],
+}
+
+/// Course of the vehicle, rad, and how far aside of it to look for nobody in particular; `None` for
+/// the angle of a vehicle in flight.
+fn course(state: &NavState, way_rad: f64) -> (f64, Option<f64>) {
+    let velocity = state.velocity_world.xy();
+    if velocity.norm() > KEEP_WAY_M_S {
+        (velocity.y.atan2(velocity.x), None)
+    } else {
+        (way_rad, Some(PI))
     }
 }
 
@@ -174,37 +257,37 @@ fn bearing(sector: usize) -> f64 {
     (sector as f64 + 0.5) * TAU / SECTORS as f64 - PI
 }
 
-/// How urgent it is to look at walkers, by direction.
-fn walkers(state: &NavState, way_rad: f64, known: &[Obstacle], walker_m_s: f64) -> [f64; SECTORS] {
-    let mut urgency = [0.0_f64; SECTORS];
-    let may_move =
-        |o: &&Obstacle| o.footprint == Footprint::Round && o.motion != ObstacleMotion::Static;
-    for walker in known.iter().filter(may_move) {
-        let Some(time_s) = reach_s(walker, state, way_rad, walker_m_s) else {
-            continue;
-        };
-        let share = if comes_near(walker, state) {
-            1.0
-        } else {
-            TURN_SHARE
-        };
-        let unseen_s = unseen_s(walker, state).max(HOLD_S);
-        let sector = sector_towards(walker, state);
-        urgency[sector] = urgency[sector].max(share * WALKER_WEIGHT_S / time_s * unseen_s);
-    }
-    urgency
+fn may_walk(obstacle: &Obstacle) -> bool {
+    obstacle.footprint == Footprint::Round && obstacle.motion != ObstacleMotion::Static
+}
+
+/// How urgent it is to look at a walker who could be here in `time_s`, s.
+fn urgency_of(walker: &Obstacle, state: &NavState, time_s: f64) -> f64 {
+    let lost_s = unseen_s(walker, state);
+    let turn_s = if comes_near(walker, state) {
+        0.0
+    } else {
+        (TURN_S - lost_s).max(0.0)
+    };
+    WALKER_WEIGHT_S / (time_s + turn_s) * lost_s.max(HOLD_S)
+}
+
+/// Direction of a walker and how far aside of it he may be, rad.
+fn whereabouts(walker: &Obstacle, state: &NavState) -> (f64, f64) {
+    let line = (walker.centre_world - state.position_world()).xy();
+    let sector_rad = 0.5 * TAU / SECTORS as f64;
+    let aside_rad = if walker.sight == Sight::Seen {
+        0.0
+    } else {
+        let variance = walker.covariance[(0, 0)].max(walker.covariance[(1, 1)]);
+        variance.max(0.0).sqrt().atan2(line.norm())
+    };
+    (line.y.atan2(line.x), aside_rad.max(sector_rad))
 }
 
 /// For how long a walker has not been seen, as far as it counts, s.
 fn unseen_s(walker: &Obstacle, state: &NavState) -> f64 {
     state.time.seconds_since(walker.last_seen).min(LOST_S)
-}
-
-fn sector_towards(obstacle: &Obstacle, state: &NavState) -> usize {
-    let line = (obstacle.centre_world - state.position_world()).xy();
-    let bearing_rad = line.y.atan2(line.x);
-    let share = (wrap_angle(bearing_rad) + PI) / TAU;
-    ((share * SECTORS as f64) as usize).min(SECTORS - 1)
 }
 
 /// Whether a walker who goes on comes near a vehicle that goes on.
@@ -215,23 +298,36 @@ fn comes_near(walker: &Obstacle, state: &NavState) -> bool {
     offset.dot(&approach) < 0.0 && nearest_m < NEAR_M
 }
 
+/// Velocity of the vehicle on the way from now to soon, m/s.
+fn mean_velocity(state: &NavState, soon: &Vector2<f64>) -> Vector2<f64> {
+    (state.velocity_world.xy() + soon) / 2.0
+}
+
 /// Time in which a walker could be at a vehicle that goes on or turns to its way, whichever way he
 /// turns, s; `None` if he is far or stays behind.
-fn reach_s(walker: &Obstacle, state: &NavState, way_rad: f64, walker_m_s: f64) -> Option<f64> {
+fn reach_s(
+    walker: &Obstacle,
+    state: &NavState,
+    way_rad: f64,
+    soon: &Vector2<f64>,
+    walker_m_s: f64,
+) -> Option<f64> {
     let line = (walker.centre_world - state.position_world()).xy();
     let distance_m = line.norm();
     if distance_m > FAR_M {
         return None;
     }
-    let velocity = state.velocity_world.xy();
+    let velocity = mean_velocity(state, soon);
     let speed_m_s = velocity.norm();
     let onto_way = Vector2::new(way_rad.cos(), way_rad.sin()) * speed_m_s;
+    let reach_m = TOUCH_M + walker_m_s * unseen_s(walker, state);
+    let wide_rad = (reach_m / distance_m.max(reach_m)).asin().min(WIDE_RAD);
     let aside_rad = velocity.angle(&line).min(onto_way.angle(&line));
-    if aside_rad > meeting_angle(speed_m_s, walker_m_s) + BEHIND_RAD {
+    if aside_rad > meeting_angle(speed_m_s, walker_m_s) + wide_rad {
         return None;
     }
     let approach_m_s = speed_m_s * aside_rad.cos();
-    let left_m = distance_m - TOUCH_M - walker_m_s * unseen_s(walker, state);
+    let left_m = distance_m - reach_m;
     let closing_m_s = (walker_m_s + approach_m_s).max(LEAST_CLOSING_M_S);
     Some((left_m / closing_m_s).max(AT_ONCE_S))
 }

@@ -46,7 +46,15 @@ fn looked_ahead() -> Glance {
 }
 
 fn heading(glance: &mut Glance, state: &NavState, known: &[Obstacle]) -> Option<f64> {
-    glance.heading(state, 0.0, known, &ConductConfig::default())
+    let soon = state.velocity_world.xy();
+    glance.heading(state, 0.0, &soon, known, &ConductConfig::default())
+}
+
+/// How urgent it is to look at walkers for a vehicle that keeps its velocity.
+fn walkers_of(state: &NavState, way_rad: f64, known: &[Obstacle]) -> [f64; SECTORS] {
+    let walker_m_s = ConductConfig::default().walker_m_s;
+    let soon = state.velocity_world.xy();
+    Glance::new().walkers(state, way_rad, &soon, known, walker_m_s)
 }
 
 #[test]
@@ -73,18 +81,53 @@ fn who_left_the_view_beside_the_vehicle_is_looked_for() {
 
 #[test]
 fn who_cannot_catch_up_is_not_looked_for() {
-    let conduct = ConductConfig::default();
     let behind = walker([-1.5, 0.0], [1.2, 0.0], 4.0);
-    let urgency = walkers(&flying(5.0, 2.0), 0.0, &[behind], conduct.walker_m_s);
+    let urgency = walkers_of(&flying(5.0, 2.0), 0.0, &[behind]);
     assert!(urgency.iter().all(|u| *u == 0.0));
+}
+
+/// However long he was out of sight, and though he is nearer than he could have come meanwhile.
+#[test]
+fn who_was_left_behind_is_not_looked_for() {
+    let mut behind = walker([-1.2, 0.4], [0.0, 1.2], 3.5);
+    behind.sight = Sight::OutOfView;
+    behind.covariance.fill_diagonal(0.5);
+    let urgency = walkers_of(&flying(5.0, 1.5), 0.0, &[behind]);
+    assert!(urgency.iter().all(|u| *u == 0.0));
+    // A vehicle that is about to stop is caught up.
+    let soon = Vector2::zeros();
+    let urgency = Glance::new().walkers(&flying(5.0, 1.5), 0.0, &soon, &[behind], 1.3);
+    assert!(urgency.iter().sum::<f64>() > 1.0);
+}
+
+/// One heading that shows both is better than one that shows the more urgent alone.
+#[test]
+fn two_walkers_are_looked_at_together() {
+    let (left, right) = (0.44_f64, -0.26_f64);
+    let at = |bearing_rad: f64| {
+        let place = [2.0 * bearing_rad.cos(), 2.0 * bearing_rad.sin()];
+        walker(
+            place,
+            [-0.8 * bearing_rad.cos(), -0.8 * bearing_rad.sin()],
+            5.0,
+        )
+    };
+    let known = [at(left), at(right)];
+    let heading = heading(&mut looked_ahead(), &flying(5.0, 0.8), &known).unwrap();
+    for bearing_rad in [left, right] {
+        let off = wrap_angle(bearing_rad - heading).abs();
+        assert!(
+            off < HALF_VIEW_RAD - BORDER_RAD,
+            "{bearing_rad} from {heading}"
+        );
+    }
 }
 
 #[test]
 fn who_was_passed_is_looked_for_before_the_vehicle_turns_to_his_side() {
-    let conduct = ConductConfig::default();
     let passed = walker([-0.7, -1.1], [1.2, 0.0], 4.5);
     let urgency = |way_rad| {
-        let all = walkers(&flying(5.0, 1.5), way_rad, &[passed], conduct.walker_m_s);
+        let all = walkers_of(&flying(5.0, 1.5), way_rad, &[passed]);
         all.into_iter().fold(0.0, f64::max)
     };
     assert_eq!(urgency(0.0), 0.0);
@@ -92,31 +135,37 @@ fn who_was_passed_is_looked_for_before_the_vehicle_turns_to_his_side() {
 }
 
 #[test]
-fn who_is_not_where_he_should_be_is_not_looked_for_there() {
-    let mut missed = walker([1.0, 0.5], [-1.0, 0.0], 4.0);
+fn who_is_not_where_he_should_be_is_looked_for_beside() {
+    let mut lost = walker([1.0, 0.5], [-1.0, 0.0], 4.0);
+    lost.sight = Sight::Missed;
+    lost.covariance.fill_diagonal(1.0);
+    let state = flying(5.0, 0.5);
     let mut glance = looked_ahead();
-    let look = |glance: &Glance, missed: &Obstacle| {
-        let mut urgency = [1.0; SECTORS];
-        glance.drop_missed(&flying(5.0, 0.5), &[*missed], &mut urgency);
-        urgency.iter().sum::<f64>()
-    };
-    assert_eq!(look(&glance, &missed), SECTORS as f64);
-    missed.sight = Sight::Missed;
-    assert_eq!(look(&glance, &missed), SECTORS as f64 - 1.0);
-    // Beside the view he may well be.
-    glance.note(Timestamp::from_s(5.0), -1.5, HALF_VIEW_RAD, &[]);
-    missed.centre_world = Vector3::new(-0.5, 1.0, 0.9);
-    assert_eq!(look(&glance, &missed), SECTORS as f64);
+    let soon = state.velocity_world.xy();
+    let urgency = |glance: &Glance| glance.walkers(&state, 0.0, &soon, &[lost], 1.3);
+    let sector = |bearing_rad: f64| ((bearing_rad + PI) / TAU * SECTORS as f64) as usize;
+    let ahead = urgency(&glance);
+    assert_eq!(ahead[sector(0.46)], 0.0);
+    assert!(ahead[sector(1.0)] > 0.0);
+    // Once looked at, that is no place to look either.
+    glance.note(Timestamp::from_s(5.0), 1.2, HALF_VIEW_RAD, &[]);
+    assert_eq!(urgency(&glance)[sector(1.0)], 0.0);
 }
 
 #[test]
 fn a_near_walker_is_kept_in_view_and_counts_more_than_a_far_one_lost_for_long() {
     let near = walker([1.4, 0.3], [-1.0, 0.0], 5.0);
     let far = walker([-3.0, 3.0], [1.0, -0.5], 1.0);
-    let conduct = ConductConfig::default();
     let state = flying(5.0, 0.3);
-    let urgency = walkers(&state, 0.0, &[far, near], conduct.walker_m_s);
-    let of = |walker: &Obstacle| urgency[sector_towards(walker, &state)];
+    let urgency = walkers_of(&state, 0.0, &[far, near]);
+    let of = |walker: &Obstacle| {
+        let (middle_rad, _) = whereabouts(walker, &state);
+        let nearest = |sector: &usize| wrap_angle(bearing(*sector) - middle_rad).abs() < 0.09;
+        (0..SECTORS)
+            .filter(nearest)
+            .map(|s| urgency[s])
+            .sum::<f64>()
+    };
     assert!(of(&near) > of(&far) && of(&far) > 0.0);
 }
 
@@ -150,7 +199,8 @@ fn no_direction_stays_unseen_for_two_turns_of_a_slow_vehicle() {
     let mut yaw = 0.0;
     for step in 0..200 {
         let now = Timestamp::from_s(5.0) + TimeDelta::from_s(0.05 * f64::from(step));
-        let state = flying(now.as_s(), 0.2);
+        let mut state = flying(now.as_s(), 0.2);
+        state.world_from_body.rotation = so3::from_roll_pitch_yaw(0.0, 0.0, yaw);
         if let Some(wanted) = heading(&mut glance, &state, &[]) {
             yaw += wrap_angle(wanted - yaw).clamp(-0.1, 0.1);
         }

@@ -38,6 +38,9 @@ const LOOK_AHEAD_M_S: f64 = 0.4;
 /// Nearer to its target than this the vehicle keeps its heading, m.
 const KEEP_HEADING_M: f64 = 0.5;
 
+/// Point of a plan whose velocity is that of soon, about one second ahead.
+const SOON_POINT: usize = 16;
+
 /// What the vehicle is about.
 #[derive(Clone, Debug, Default)]
 enum Task {
@@ -418,9 +421,12 @@ impl Avoidance {
         } else {
             line.y.atan2(line.x)
         };
+        let soon = self.plan.map_or(state.velocity_world.xy(), |plan| {
+            plan.points[SOON_POINT].velocity_world.xy()
+        });
         let glance = self
             .glance
-            .heading(state, way_rad, &self.known, &self.conduct);
+            .heading(state, way_rad, &soon, &self.known, &self.conduct);
         if let Some(heading_rad) = glance {
             return YawTarget::Towards(heading_rad);
         }
