@@ -98,6 +98,9 @@ parameters! {
         pub view_margin_m: f64 = 0.3, within(0.0, 5.0);
         /// Detections that cover several tracks start no new one for this long, s.
         pub merge_s: f64 = 0.5, within(0.0, 10.0);
+        /// Somebody new is one who was lost only if he appears no further than this from where that
+        /// one should be, m.
+        pub recognise_m: f64 = 0.9, within(0.0, 100.0);
         /// An unseen track ends at this horizontal distance from the vehicle, m.
         pub keep_distance_m: f64 = 8.0, within(0.5, 1000.0);
         /// A track ends at this standard deviation of its horizontal position, m.

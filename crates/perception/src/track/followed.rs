@@ -115,6 +115,11 @@ impl Track {
         Some(apart.dot(&factor.solve(&apart)))
     }
 
+    /// Horizontal distance of another track, m.
+    pub fn apart_m(&self, other: &Self) -> f64 {
+        (other.position() - self.position()).xy().norm()
+    }
+
     /// Goes on as a track that turned out to be of the same thing, with the lengths that were known.
     pub fn resume(&mut self, found: &Self) {
         let (_, turn) = self.alignment(found.yaw_rad);

@@ -273,32 +273,37 @@ impl Tracker {
 
     /// Somebody new who appears where one who was lost may be is the one who was lost.
     fn recognise(&mut self, time: Timestamp) {
-        let life = &self.config.life;
         let mut index = 0;
         while index < self.tracks.len() {
-            let found = &self.tracks[index];
-            let was_lost = |track: &Track| {
-                let lost_s = time.seconds_since(track.last_seen);
-                lost_s > life.merge_s && track.images >= life.confirm_images
+            let Some(lost) = self.lost_as(index, time) else {
+                index += 1;
+                continue;
             };
-            let lost = found
-                .is_fresh_round(life.confirm_images)
-                .then(|| {
-                    let lost = self.tracks.iter().enumerate();
-                    lost.filter(|(_, track)| was_lost(track))
-                        .filter_map(|(at, track)| Some((at, track.distance_as(found)?)))
-                        .min_by(|a, b| a.1.total_cmp(&b.1))
-                })
-                .flatten();
-            match lost {
-                Some((at, distance)) if distance <= self.gates.of_sides[2] => {
-                    let found = self.tracks.remove(index);
-                    let at = if at > index { at - 1 } else { at };
-                    self.tracks[at].resume(&found);
-                }
-                _ => index += 1,
-            }
+            let found = self.tracks.remove(index);
+            let lost = if lost > index { lost - 1 } else { lost };
+            self.tracks[lost].resume(&found);
         }
+    }
+
+    /// The nearest of the tracks that were lost and may be the one at `index`, which is new.
+    fn lost_as(&self, index: usize, time: Timestamp) -> Option<usize> {
+        let life = &self.config.life;
+        let found = &self.tracks[index];
+        if !found.is_fresh_round(life.confirm_images) {
+            return None;
+        }
+        let may_be = |track: &Track| {
+            time.seconds_since(track.last_seen) > life.merge_s
+                && track.images >= life.confirm_images
+                && track.apart_m(found) <= life.recognise_m
+                && track
+                    .distance_as(found)
+                    .is_some_and(|distance| distance <= self.gates.of_sides[2])
+        };
+        let apart = |at: &usize| self.tracks[*at].apart_m(found);
+        (0..self.tracks.len())
+            .filter(|&at| at != index && may_be(&self.tracks[at]))
+            .min_by(|a, b| apart(a).total_cmp(&apart(b)))
     }
 
     /// Starts a track for every detection that has none; without room, in place of a farther one.
