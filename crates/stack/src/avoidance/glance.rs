@@ -32,6 +32,8 @@ const LEAST_CLOSING_M_S: f64 = 0.2;
 /// By no more than this a walker is further aside than where one can meet the vehicle, because he
 /// is wide and may be nearer than he should, rad.
 const WIDE_RAD: f64 = 0.8;
+/// Who may be here already is still this far away, m: behind a vehicle that leaves him he stays so.
+const LEAST_GAP_M: f64 = 0.25;
 /// Distance at which a walker is here, m.
 const TOUCH_M: f64 = 0.8;
 /// After this time more of it makes a walker no more urgent: a near one is than a far one, s.
@@ -327,7 +329,7 @@ fn reach_s(
         return None;
     }
     let approach_m_s = speed_m_s * aside_rad.cos();
-    let left_m = distance_m - reach_m;
+    let left_m = (distance_m - reach_m).max(LEAST_GAP_M);
     let closing_m_s = (walker_m_s + approach_m_s).max(LEAST_CLOSING_M_S);
     Some((left_m / closing_m_s).max(AT_ONCE_S))
 }
