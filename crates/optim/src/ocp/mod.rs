@@ -24,3 +24,4 @@ pub use qp::{StageQp, StageQpExit, StageQpReport, StageQpSettings};
 pub use qp_solver::StageQpSolver;
 pub use riccati::Riccati;
 pub use sqp::{OcpExit, OcpReport, OcpSettings, OcpSolver};
+pub use trajectory::weigh;

@@ -84,24 +84,32 @@ impl<const NX: usize, const NU: usize> Trajectory<NX, NU> {
 
     /// Sets cost and violation.
     fn weigh<P: OptimalControl<NX, NU>>(&mut self, problem: &P) {
-        let last = self.inputs.len();
-        let (mut cost, mut violation) = (0.0, 0.0_f64);
-        // Costs and penalties may ignore a number that is not finite.
-        let mut is_meaningful = self.states[last].iter().all(|v| v.is_finite());
-        for (k, x) in self.states.iter().enumerate() {
-            let input = self.inputs.get(k).copied().unwrap_or_else(SVector::zeros);
-            cost += problem.cost_value(k, x, &input);
-            if k > 0 {
-                problem.constraint_values(k, x, &mut |value, linear, quadratic| {
-                    cost += penalty(value, linear, quadratic);
-                    violation = violation.max(-value);
-                    is_meaningful &= value.is_finite();
-                });
-            }
-        }
-        self.cost = if is_meaningful { cost } else { f64::INFINITY };
-        self.violation = violation;
+        (self.cost, self.violation) = weigh(problem, &self.states, &self.inputs);
     }
+}
+
+/// Costs and penalties of states and inputs, infinite for those without meaning, and the greatest
+/// violation of a softened constraint. There is one state more than inputs.
+pub fn weigh<const NX: usize, const NU: usize, P: OptimalControl<NX, NU>>(
+    problem: &P,
+    states: &[SVector<f64, NX>],
+    inputs: &[SVector<f64, NU>],
+) -> (f64, f64) {
+    let (mut cost, mut violation) = (0.0, 0.0_f64);
+    // Costs and penalties may ignore a number that is not finite.
+    let mut is_meaningful = states[inputs.len()].iter().all(|v| v.is_finite());
+    for (k, x) in states.iter().enumerate() {
+        let input = inputs.get(k).copied().unwrap_or_else(SVector::zeros);
+        cost += problem.cost_value(k, x, &input);
+        if k > 0 {
+            problem.constraint_values(k, x, &mut |value, linear, quadratic| {
+                cost += penalty(value, linear, quadratic);
+                violation = violation.max(-value);
+                is_meaningful &= value.is_finite();
+            });
+        }
+    }
+    (if is_meaningful { cost } else { f64::INFINITY }, violation)
 }
 
 fn clamped<const NX: usize, const NU: usize, P: OptimalControl<NX, NU>>(

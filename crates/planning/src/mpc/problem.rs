@@ -145,20 +145,6 @@ impl SpeedCost {
 }
 
 impl Problem {
-    /// Cost of states and inputs, penalties included; `states` has one element more.
-    pub fn value(&self, states: &[State], inputs: &[Input]) -> f64 {
-        let rest = Input::zeros();
-        let mut total = 0.0;
-        for (k, x) in states.iter().enumerate() {
-            total += self.cost_value(k, x, inputs.get(k).unwrap_or(&rest));
-            self.constraint_values(k, x, &mut |value, linear, quadratic| {
-                let lack = (-value).max(0.0);
-                total += (linear + quadratic * lack) * lack;
-            });
-        }
-        total
-    }
-
     fn state_cost_value(&self, k: usize, x: &State) -> f64 {
         let stage = &self.stages[k];
         let p = position(x);

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use alula_messages::{ObstacleMotion, PLAN_INTERVALS};
-use alula_optim::ocp::OcpExit;
+use alula_optim::ocp::{OcpExit, weigh};
 use nalgebra::Vector3;
 
 use super::super::detour::{self, Detour};
@@ -70,11 +70,13 @@ impl PredictivePlanner {
     ) -> Path {
         let from = position(start);
         let limit_m_s = request.max_speed_m_s[0].max(0.0);
-        let mut best: Option<(f64, Path)> = None;
+        let cost = |path: &Path| weigh(&self.problem, &path.states, &path.inputs).0;
+        let mut best = self.flight(start, target, None, 0.0);
+        let mut least = cost(&best);
         let mut consider = |path: Path| {
-            let cost = self.problem.value(&path.states, &path.inputs);
-            if best.as_ref().is_none_or(|(least, _)| cost < *least) {
-                best = Some((cost, path));
+            let cost = cost(&path);
+            if cost < least {
+                (best, least) = (path, cost);
             }
         };
         if let Some(nearest) = self.nearest(path) {
@@ -88,9 +90,7 @@ impl PredictivePlanner {
             let aim = Vector3::new(from.x + AIM_M * cos, from.y + AIM_M * sin, target.z);
             consider(self.flight(start, &aim, None, limit_m_s.max(EVASION_M_S)));
         }
-        let halt = self.flight(start, target, None, 0.0);
-        consider(halt.clone());
-        best.map_or(halt, |(_, path)| path)
+        best
     }
 
     /// The volume with the least clearance from a path.
