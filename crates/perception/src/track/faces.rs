@@ -121,18 +121,14 @@ impl Faces {
         faces.places[edge] = lateral.dot(&flank.inward) * flank.ray_m;
         faces.places[unseen] = lateral.dot(&flank.point);
         faces.shown[..4].copy_from_slice(&[true, false, edge == 2, edge == 3]);
-        for face in 0..4 {
-            faces.covariance.row_mut(face).fill(0.0);
-            faces.covariance.column_mut(face).fill(0.0);
-        }
         let of_front = flank.point_variance_m2
             + by_offset.powi(2) * flank.ray_variance_m2
             + (by_radius * sigma_m).powi(2);
-        for (face, variance) in [(0, of_front), (1, of_front)] {
+        let of_ray = flank.ray_variance_m2;
+        for (face, variance) in [of_front, of_front, of_ray, of_ray].into_iter().enumerate() {
+            faces.covariance.row_mut(face).fill(0.0);
+            faces.covariance.column_mut(face).fill(0.0);
             faces.covariance[(face, face)] = variance;
-        }
-        for face in [edge, unseen] {
-            faces.covariance[(face, face)] = flank.ray_variance_m2;
         }
         Some(faces)
     }

@@ -84,6 +84,12 @@ impl Track {
         (if odd { [1, 0, 2] } else { [0, 1, 2] }, rest)
     }
 
+    /// Turns the box to be aligned with another, to a quarter turn.
+    pub fn align(&mut self, yaw_rad: f64) {
+        let (_, turn) = self.alignment(yaw_rad);
+        self.yaw_rad = wrap(self.yaw_rad + turn);
+    }
+
     pub fn mark_seen(&mut self, time: Timestamp) {
         self.sight = Sight::Seen;
         self.last_seen = time;
@@ -100,17 +106,21 @@ impl Track {
             && self.images == images
     }
 
-    /// Squared Mahalanobis distance, seen from above, of another track from where this one, which
-    /// moves and is not seen, may be; `None` if it does not move or is seen.
-    pub fn distance_as(&self, found: &Self) -> Option<f64> {
-        let is_lost = self.footprint == Footprint::Round
+    /// Whether it is something round that moves and is not seen.
+    pub fn is_lost(&self) -> bool {
+        self.footprint == Footprint::Round
             && self.motion == ObstacleMotion::Moving
-            && self.sight != Sight::Seen;
+            && self.sight != Sight::Seen
+    }
+
+    /// Squared Mahalanobis distance of another track, seen from above; `None` if both places are
+    /// known without error.
+    pub fn distance_as(&self, found: &Self) -> Option<f64> {
         let block = |track: &Self| {
             let view = track.state.covariance.fixed_view::<2, 2>(0, 0);
             view.into_owned()
         };
-        let factor = is_lost.then(|| Cholesky::new(block(self) + block(found)))??;
+        let factor = Cholesky::new(block(self) + block(found))?;
         let apart = (found.position() - self.position()).xy();
         Some(apart.dot(&factor.solve(&apart)))
     }
@@ -122,17 +132,14 @@ impl Track {
 
     /// Goes on as a track that turned out to be of the same thing, with the lengths that were known.
     pub fn resume(&mut self, found: &Self) {
-        let (_, turn) = self.alignment(found.yaw_rad);
-        self.yaw_rad = wrap(self.yaw_rad + turn);
+        self.align(found.yaw_rad);
         let lengths = self.state;
         self.state = found.state;
         self.state.take_lengths(&lengths);
         self.turns = None;
-        self.images = self.images.saturating_add(found.images);
-        self.sight = Sight::Seen;
-        self.last_seen = found.last_seen;
-        self.misses = 0;
-        self.missed_s = 0.0;
+        let images = self.images.saturating_add(found.images);
+        self.mark_seen(found.last_seen);
+        self.images = images;
     }
 
     /// Half the extent of the footprint along a horizontal direction of length one, m: of the

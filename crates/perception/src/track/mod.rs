@@ -293,7 +293,8 @@ impl Tracker {
             return None;
         }
         let may_be = |track: &Track| {
-            time.seconds_since(track.last_seen) > life.merge_s
+            track.is_lost()
+                && time.seconds_since(track.last_seen) > life.merge_s
                 && track.images >= life.confirm_images
                 && track.apart_m(found) <= life.recognise_m
                 && track

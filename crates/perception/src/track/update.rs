@@ -1,5 +1,7 @@
 //! What a detection tells about a track: innovation, and the Kalman update.
 
+use std::borrow::Cow;
+
 use alula_geometry::Timestamp;
 use alula_messages::Footprint;
 use nalgebra::{Cholesky, SMatrix, SVector};
@@ -7,7 +9,7 @@ use nalgebra::{Cholesky, SMatrix, SVector};
 use super::Gates;
 use super::config::TrackModelConfig;
 use super::faces::{FACES, Faces, side_sign};
-use super::followed::{Track, wrap};
+use super::followed::Track;
 use super::kalman::{MIN_SIZE_M, POSITION, SIZE, STATES, State};
 use super::turns::WAYS;
 
@@ -117,19 +119,17 @@ impl<'a> Sides<'a> {
 impl Track {
     /// Compares the sides of a detection with the prediction.
     pub fn innovation(&self, faces: &Faces) -> Option<Innovation> {
-        let of_round = self.as_round(faces);
-        Sides::new(self, of_round.as_ref().unwrap_or(faces)).innovation(&self.state)
+        Sides::new(self, &self.as_round(faces)).innovation(&self.state)
     }
 
-    /// The sides of a round track whose size is known, of which an image shows one side.
-    fn as_round(&self, faces: &Faces) -> Option<Faces> {
+    /// The sides of a detection, of a round track whose size is known read from its flank.
+    fn as_round<'a>(&self, faces: &'a Faces) -> Cow<'a, Faces> {
         let size = self.size();
         let variance = |i: usize| self.state.covariance[(SIZE + i, SIZE + i)];
         let sigma_m = 0.5 * variance(0).max(variance(1)).max(0.0).sqrt();
         let is_known = self.footprint == Footprint::Round && sigma_m < KNOWN_RADIUS_M;
-        is_known
-            .then(|| faces.of_round(0.25 * (size.x + size.y), sigma_m))
-            .flatten()
+        let of_round = is_known.then(|| faces.of_round(0.25 * (size.x + size.y), sigma_m));
+        of_round.flatten().map_or(Cow::Borrowed(faces), Cow::Owned)
     }
 
     /// Takes in a detection. Beyond the gate the measurement's noise is raised until the difference
@@ -141,8 +141,7 @@ impl Track {
         gates: &Gates,
         model: &TrackModelConfig,
     ) {
-        let of_round = self.as_round(faces);
-        let faces = of_round.as_ref().unwrap_or(faces);
+        let faces = &self.as_round(faces);
         let mut sides = Sides::new(self, faces);
         let Some(innovation) = sides.innovation(&self.state) else {
             return;
@@ -152,8 +151,7 @@ impl Track {
         if self.correct(&sides).is_none() {
             return;
         }
-        let (_, turn) = self.alignment(faces.yaw_rad);
-        self.yaw_rad = wrap(self.yaw_rad + turn);
+        self.align(faces.yaw_rad);
         self.state.bound_velocity(model);
         self.mark_seen(time);
     }

@@ -29,7 +29,7 @@ pub enum Thing {
         from_m: f64,
         to_m: f64,
     },
-    /// An upright body of rotation, as widest as `radius_m` at the height of its centre.
+    /// An upright body of rotation, `radius_m` at its widest, at the height of its centre.
     Ellipsoid {
         centre: Vector3<f64>,
         radius_m: f64,
