@@ -62,6 +62,14 @@ fn at(flight: &Flight, t_s: f64) -> (Vector3<f64>, Vector3<f64>) {
     (sample.true_position, sample.true_velocity)
 }
 
+/// A flight that touches nothing and comes to an end in this way.
+fn untouched(overrides: &[&str], seed: u64, outcome: Outcome) -> Flight {
+    let flight = flown(overrides, seed);
+    expect_no_touch(&flight);
+    assert_eq!(flight.summary.outcome, outcome, "{:?}", flight.summary);
+    flight
+}
+
 fn expect_no_touch(flight: &Flight) {
     let summary = &flight.summary;
     assert_ne!(summary.outcome, Outcome::Collision, "{summary:?}");
@@ -139,7 +147,7 @@ fn a_hovering_vehicle_gives_way_and_comes_back() {
     for seed in SEEDS {
         let y = 0.1 * seed as f64 - 0.2;
         let who = person_on(&format!("walks-{seed}"), &[(6.0, 8.0, y), (16.0, -2.0, y)]);
-        let flight = flown(
+        let flight = untouched(
             &[
                 DESERTED,
                 EMPTY,
@@ -152,10 +160,9 @@ fn a_hovering_vehicle_gives_way_and_comes_back() {
                 "mission.hover_s=20.0",
             ],
             seed,
+            Outcome::Reached,
         );
-        expect_no_touch(&flight);
         let summary = &flight.summary;
-        assert_eq!(summary.outcome, Outcome::Reached, "{summary:?}");
         assert!(summary.contacts.is_empty(), "seed {seed}: {summary:?}");
         let aside_m = |s: &alula_runtime::flight_log::Sample| s.true_position.xy().norm();
         let farthest_m = flight.log.samples.iter().map(aside_m).fold(0.0, f64::max);
@@ -169,7 +176,7 @@ fn a_hovering_vehicle_gives_way_and_comes_back() {
 fn someone_on_the_goal_is_told_of() {
     for seed in SEEDS {
         let who = person_on("stands", &[(0.0, 9.0, 0.3), (500.0, 9.0, 0.3)]);
-        let flight = flown(
+        let flight = untouched(
             &[
                 DESERTED,
                 EMPTY,
@@ -178,10 +185,9 @@ fn someone_on_the_goal_is_told_of() {
                 "stack.avoidance.conduct.give_up_s=8.0",
             ],
             seed,
+            Outcome::Aborted,
         );
-        expect_no_touch(&flight);
         let summary = &flight.summary;
-        assert_eq!(summary.outcome, Outcome::Aborted, "{summary:?}");
         assert_eq!(summary.failure.as_deref(), Some("goal_blocked"));
         assert!(summary.reason.contains("an obstacle stands on the goal"));
         assert_eq!(summary.guard, Fallback::None, "{summary:?}");
@@ -194,14 +200,7 @@ fn a_vehicle_that_starts_too_near_to_a_pillar_leaves_it() {
         // 37 cm from the vehicle's centre to the pillar: the planner wants 40 and more.
         let pillar =
             "world.obstacles=[{kind=\"cylinder\",centre_m=[0.62,0.05],radius_m=0.25,height_m=3.0}]";
-        let flight = flown(&[DESERTED, pillar], seed);
-        expect_no_touch(&flight);
-        assert_eq!(
-            flight.summary.outcome,
-            Outcome::Reached,
-            "{:?}",
-            flight.summary
-        );
+        untouched(&[DESERTED, pillar], seed, Outcome::Reached);
     }
 }
 
