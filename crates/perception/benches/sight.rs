@@ -4,6 +4,8 @@
 // Helpers of tests may fail like tests do.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
+#[path = "../../../tests/percentile.rs"]
+mod percentile;
 #[path = "../tests/scene/mod.rs"]
 mod scene;
 
@@ -12,6 +14,7 @@ use std::time::Instant;
 use alula_geometry::Timestamp;
 use alula_messages::{DepthImage, Detection};
 use alula_perception::{Detector, DetectorConfig, Tracker, TrackerConfig, View};
+use percentile::percentile;
 
 /// Images of a turn to and fro.
 const IMAGES: usize = 120;
@@ -55,18 +58,16 @@ fn main() {
 /// What a camera sees that turns to and fro in a room with people and furniture.
 fn images() -> Vec<(DepthImage, View)> {
     let mut random = scene::generator(1);
-    let mut image = |step: usize| {
+    let image = |step: usize| {
         let yaw_deg = 30.0 * (std::f64::consts::TAU * step as f64 / IMAGES as f64).sin();
         let view = scene::view(1.2, 0.0, 10.0, yaw_deg);
         let image = scene::render(scene::camera(), &view, &scene::room());
         (scene::noisy(&image, &mut random), view)
     };
-    (0..IMAGES).map(&mut image).collect()
+    (0..IMAGES).map(image).collect()
 }
 
 fn print(name: &str, times_ms: &mut [f64]) {
-    times_ms.sort_by(f64::total_cmp);
-    let at = |share: f64| times_ms[((times_ms.len() - 1) as f64 * share) as usize];
-    let [median, p99, worst] = [0.5, 0.99, 1.0].map(at);
+    let [median, p99, worst] = [0.5, 0.99, 1.0].map(|share| percentile(times_ms, share));
     println!("{name:24} median {median:.3} ms, p99 {p99:.3} ms, worst {worst:.3} ms");
 }

@@ -3,6 +3,9 @@
 // Helpers of tests may fail like tests do.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
+#[path = "../../../tests/percentile.rs"]
+mod percentile;
+
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -11,6 +14,7 @@ use alula_perception::detect::reduce;
 use alula_perception::{Detector, DetectorConfig, View};
 use alula_record::seven_scenes::{self, Frame};
 use nalgebra::Matrix3;
+use percentile::percentile;
 
 /// Boxes of neighbouring frames further apart than this, m, are not the same thing.
 const SAME_M: f64 = 0.3;
@@ -35,11 +39,6 @@ fn config() -> DetectorConfig {
         noise_per_m: 0.0015,
         ..DetectorConfig::default()
     }
-}
-
-fn percentile(values: &mut [f64], share: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[((values.len() - 1) as f64 * share).round() as usize]
 }
 
 /// Whether the image shows all of a box's width.

@@ -8,6 +8,8 @@
 // A benchmark of a flight that fails should stop, and what it finds it prints.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
+#[path = "../../../tests/percentile.rs"]
+mod percentile;
 #[path = "../tests/support/mod.rs"]
 mod support;
 
@@ -19,6 +21,7 @@ use alula_control::modes::{FlightModes, Progress, Situation};
 use alula_safety::{Guard, GuardInput, GuardVehicle};
 use alula_stack::{Stack, Stage};
 use divan::{Bencher, black_box};
+use percentile::percentile;
 use support::{RATE_HZ, Step, first_step_of_waypoints, replayed, stack_config};
 
 /// Steps that follow waypoints and are measured: 20 s.
@@ -175,17 +178,11 @@ fn plans(index: usize) -> bool {
 fn print_row(name: &str, runs: &[Durations], row: usize, counts: impl Fn(usize) -> bool) {
     let chosen: Vec<usize> = (0..flight().len()).filter(|&step| counts(step)).collect();
     let mut once_us: Vec<f64> = chosen.iter().map(|&step| runs[0][row][step]).collect();
-    once_us.sort_by(f64::total_cmp);
-    let at = |share: f64| once_us[((once_us.len() - 1) as f64 * share) as usize];
+    let [median, p99, worst] = [0.5, 0.99, 1.0].map(|share| percentile(&mut once_us, share));
     let least_us = |step: usize| {
         let durations_us = runs.iter().map(|run| run[row][step]);
         durations_us.fold(f64::INFINITY, f64::min)
     };
     let worst_in_all = chosen.iter().map(|&s| least_us(s)).fold(0.0, f64::max);
-    println!(
-        "{name:16}{:10.2}{:10.2}{:10.2}{worst_in_all:14.2}",
-        at(0.5),
-        at(0.99),
-        at(1.0)
-    );
+    println!("{name:16}{median:10.2}{p99:10.2}{worst:10.2}{worst_in_all:14.2}");
 }
