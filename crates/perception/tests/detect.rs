@@ -208,6 +208,47 @@ fn people_side_by_side_are_two() {
 }
 
 /// Whether a place, seen from above, lies in a box.
+/// Two who walk abreast, nearer to each other than their own width: their fronts meet in an inner
+/// corner, and together they are wider than a compact thing.
+#[test]
+fn people_abreast_are_not_a_wall() {
+    let mut random = generator(8);
+    for apart_m in [0.55, 0.65, 0.75, 0.85] {
+        for (ahead_m, turn_deg) in [(1.5, 0.0_f64), (2.0, 20.0), (2.0, -35.0), (3.0, 10.0)] {
+            let (sine, cosine) = turn_deg.to_radians().sin_cos();
+            let places = [-0.5, 0.5].map(|side| {
+                let aside_m = side * apart_m;
+                Vector2::new(ahead_m + aside_m * sine, aside_m * cosine)
+            });
+            let people = places.map(|place| Thing::Ellipsoid {
+                centre: Vector3::new(place.x, place.y, 0.9),
+                radius_m: 0.4,
+                half_height_m: 0.9,
+            });
+            let view = view(1.2, 0.0, 10.0, 0.0);
+            let image = noisy(
+                &render(camera(), &view, &[FLOOR, people[0], people[1]]),
+                &mut random,
+            );
+            let boxes = detect(&image, &view);
+            let case = format!("{apart_m} m apart, {ahead_m} m ahead, {turn_deg} deg: {boxes:#?}");
+            assert!(
+                boxes.iter().all(|b| b.footprint == Footprint::Round),
+                "{case}"
+            );
+            for place in &places {
+                let found = nearest(&boxes, place.x, place.y);
+                let error_m = (found.centre_world.xy() - place).norm();
+                println!(
+                    "{apart_m} {ahead_m} {turn_deg}: {error_m:.3} size {:.2} {:.2}",
+                    found.size_m.x, found.size_m.y
+                );
+                assert!(error_m < 0.25, "{case}");
+            }
+        }
+    }
+}
+
 fn covers(found: &Detection, place: &Vector2<f64>) -> bool {
     let (sine, cosine) = found.yaw_rad.sin_cos();
     let d = place - found.centre_world.xy();

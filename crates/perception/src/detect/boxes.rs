@@ -19,6 +19,9 @@ use super::{DetectorConfig, empty};
 /// may see both.
 const FLOOR_PIXELS: f64 = 2.0;
 
+/// A front between inner corners that is narrower than this, m, is part of what it touches.
+const LEAST_FRONT_M: f64 = 0.25;
+
 /// Makes boxes of chains.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Boxes {
@@ -115,13 +118,78 @@ impl Boxes {
                 let shape = shape::flat(&line, line.range(points), ends(points), level, config);
                 out.extend(detection(&shape, points, level, config));
             }
-            Some(Front::Hollow) | None => {
-                self.splitter.split(points, config);
-                for part in &self.splitter.parts {
-                    box_part(points, part, level, config, out);
-                }
-            }
+            Some(Front::Hollow) | None => self.box_fronts(level, config, out),
         }
+    }
+
+    /// Boxes of a contour that is not compact: round ones for the fronts that are round, pieces of
+    /// walls for what lies between them.
+    fn box_fronts(&mut self, level: &Level, config: &DetectorConfig, out: &mut Vec<Detection>) {
+        let Self {
+            points, splitter, ..
+        } = self;
+        splitter.divide(points, config);
+        let mut done = 0;
+        for front in 0..splitter.fronts.len() {
+            let range = splitter.fronts[front].clone();
+            let is_all = range.len() == points.len();
+            let Some(round) = (!is_all)
+                .then(|| round_front(points, &range, level, config))
+                .flatten()
+            else {
+                continue;
+            };
+            box_walls(points, done..range.start, splitter, level, config, out);
+            out.push(round);
+            done = range.end;
+        }
+        box_walls(points, done..points.len(), splitter, level, config, out);
+    }
+}
+
+/// The box of a part of a contour, if it is compact and round.
+fn round_front(
+    points: &[Point],
+    range: &Range<usize>,
+    level: &Level,
+    config: &DetectorConfig,
+) -> Option<Detection> {
+    let part = &points[range.clone()];
+    let line = Line::fit(part, config.roughness_m)?;
+    let (length_m, depth_m) = shape::extent_m(&line, part);
+    let is_compact = length_m <= config.max_box_m && depth_m <= config.max_box_m;
+    if !is_compact || length_m < LEAST_FRONT_M || shape::front(&line, part, config) != Front::Round
+    {
+        return None;
+    }
+    // It may go on behind what it touches, as behind the border of the image.
+    let hidden = [range.start > 0, range.end < points.len()];
+    let mut ends = ends(part);
+    for (end, _) in ends.iter_mut().zip(hidden).filter(|(_, hidden)| *hidden) {
+        *end = End::Cut;
+    }
+    let shape = shape::round(part, ends, level, config)?;
+    let mut found = detection(&shape, part, level, config)?;
+    found.cut.left |= hidden[0];
+    found.cut.right |= hidden[1];
+    Some(found)
+}
+
+/// Pieces of walls for a part of a contour.
+fn box_walls(
+    points: &[Point],
+    range: Range<usize>,
+    splitter: &mut Splitter,
+    level: &Level,
+    config: &DetectorConfig,
+    out: &mut Vec<Detection>,
+) {
+    if range.is_empty() {
+        return;
+    }
+    splitter.split(points, range, config);
+    for part in &splitter.parts {
+        box_part(points, part, level, config, out);
     }
 }
 

@@ -1,4 +1,4 @@
-//! Split and merge: long contours into straight pieces.
+//! Long contours into fronts between inner corners, and into straight pieces by split and merge.
 
 use std::ops::Range;
 
@@ -9,10 +9,17 @@ use super::{DetectorConfig, empty};
 /// Standard deviations of noise that a point may lie off its line.
 const NOISE_SIGMAS: f64 = 2.5;
 
+/// An inner corner lies behind the hull of a front by at least this share of what bends a line.
+const CORNER_SHARE: f64 = 0.5;
+
 /// Cuts contours where they bend.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Splitter {
     open: Vec<Range<usize>>,
+    /// Points on the hull of a front.
+    hull: Vec<usize>,
+    /// Parts of the last contour between its inner corners, from left to right.
+    pub fronts: Vec<Range<usize>>,
     /// Straight parts of the last contour, from left to right.
     pub parts: Vec<Range<usize>>,
 }
@@ -21,14 +28,49 @@ impl Splitter {
     /// Takes the memory for the parts of so many points.
     pub fn reserve(&mut self, points: usize) {
         empty(&mut self.open, points);
+        empty(&mut self.hull, points);
+        empty(&mut self.fronts, points);
         empty(&mut self.parts, points);
     }
 
-    /// Finds the straight parts of the points of a chain.
-    pub fn split(&mut self, points: &[Point], config: &DetectorConfig) {
-        self.parts.clear();
+    /// Finds the fronts of a contour: where two things touch, as people do who walk abreast, their
+    /// fronts meet in an inner corner.
+    pub fn divide(&mut self, points: &[Point], config: &DetectorConfig) {
+        self.fronts.clear();
         self.open.clear();
         self.open.push(0..points.len());
+        while let Some(range) = self.open.pop() {
+            self.span(points, &range);
+            match inner_corner(points, &self.hull, config) {
+                Some(at) => {
+                    self.open.push(at..range.end);
+                    self.open.push(range.start..at);
+                }
+                None => self.fronts.push(range),
+            }
+        }
+    }
+
+    /// The hull of a front on the side of the camera: a string drawn tight before it.
+    fn span(&mut self, points: &[Point], range: &Range<usize>) {
+        self.hull.clear();
+        for place in range.clone() {
+            while let [.., a, b] = self.hull[..] {
+                let (from, middle, to) = (points[a].at, points[b].at, points[place].at);
+                if (middle - from).perp(&(to - middle)) > 0.0 {
+                    break;
+                }
+                self.hull.pop();
+            }
+            self.hull.push(place);
+        }
+    }
+
+    /// Finds the straight parts of `range` of the points of a chain.
+    pub fn split(&mut self, points: &[Point], range: Range<usize>, config: &DetectorConfig) {
+        self.parts.clear();
+        self.open.clear();
+        self.open.push(range);
         while let Some(range) = self.open.pop() {
             match bend(points, &range, config) {
                 // The last pushed is done first: parts come from left to right.
@@ -67,6 +109,26 @@ fn is_straight(points: &[Point], config: &DetectorConfig) -> bool {
         let mut points = points.iter();
         points.all(|point| line.behind(point).abs() <= tolerance_m(point, config))
     })
+}
+
+/// The deepest point behind the hull of a front, if it is a corner.
+fn inner_corner(points: &[Point], hull: &[usize], config: &DetectorConfig) -> Option<usize> {
+    let mut deepest = None;
+    let mut most = 1.0;
+    for edge in hull.windows(2) {
+        let from = points[edge[0]].at;
+        let along = points[edge[1]].at - from;
+        let length = along.norm();
+        for place in edge[0] + 1..edge[1] {
+            let behind_m = along.perp(&(points[place].at - from)) / length;
+            let noise_m = NOISE_SIGMAS * points[place].surface.variance_m2.sqrt();
+            let share = behind_m / (CORNER_SHARE * config.bend_m + noise_m);
+            if share > most {
+                (most, deepest) = (share, Some(place));
+            }
+        }
+    }
+    deepest
 }
 
 /// Where a contour is cut: at the point farthest from the chord of its ends, unless it is straight.
