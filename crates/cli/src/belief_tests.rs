@@ -67,6 +67,7 @@ fn image(time: Timestamp) -> Arc<DepthImage> {
     });
     Arc::new(DepthImage {
         time,
+        sensor: 0,
         camera,
         body_from_camera: Mount::at([0.1, 0.0, 0.0], Looking::Forward).body_from_sensor(),
         depth_mm: depth_mm.collect(),
@@ -75,6 +76,7 @@ fn image(time: Timestamp) -> Arc<DepthImage> {
 
 fn detection() -> Detection {
     Detection {
+        sensor: 0,
         centre_world: Vector3::zeros(),
         yaw_rad: 0.0,
         size_m: Vector3::repeat(0.8),

@@ -26,12 +26,13 @@ pub fn depth_picture(image: &DepthImage, detections: &[Detection]) -> Picture {
         // Near is bright.
         mm => false_colour(1.0 - f64::from(*mm) * 1e-3 / FAR_M),
     };
+    let own = detections.iter().filter(|d| d.sensor == image.sensor);
     Picture {
         title: "depth image with the boxes found in it".to_owned(),
         columns: image.camera.width_px as usize,
         pixels: image.depth_mm.iter().map(colour).collect(),
         aspect: None,
-        boxes: detections.iter().map(window).collect(),
+        boxes: own.map(window).collect(),
         scale: [format!("{FAR_M:.0} m and beyond"), "0 m".to_owned()],
     }
 }
@@ -199,6 +200,7 @@ mod tests {
         let thing = |i: usize| (20..36).contains(&(i % 64));
         let image = DepthImage {
             time: Timestamp::ZERO,
+            sensor: 0,
             camera,
             body_from_camera: Mount::at([0.1, 0.0, 0.0], Looking::Forward).body_from_sensor(),
             depth_mm: (0..64 * 40)

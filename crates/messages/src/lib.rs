@@ -28,7 +28,8 @@ pub use plan::{
 };
 pub use reference::Reference;
 pub use sensors::{
-    AutopilotStatus, DepthImage, FlowSample, ImuSample, PoseSample, RangeSample, SensorBatch,
+    AutopilotStatus, DepthImage, FlowSample, ImuSample, MAX_DEPTH_CAMERAS, PoseSample, RangeSample,
+    SensorBatch,
 };
 pub use state::{ErrorCovariance, EstimateHealth, FlightPhase, NavState, Unobserved, error_index};
 pub use vehicle::{Vehicle, VehicleError};

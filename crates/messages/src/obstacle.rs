@@ -15,7 +15,8 @@ pub enum Footprint {
     Flat,
 }
 
-/// Sides of the image, or of the range of depths, at which a box is cut off: it may go on there.
+/// Sides of the image, or of the range of depths, or of a neighbour, at which a box is cut off: it
+/// may go on there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Cut {
     /// At the left border.
@@ -45,6 +46,8 @@ pub struct PixelBox {
 /// the world's.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Detection {
+    /// Which of the vehicle's depth cameras saw it.
+    pub sensor: u8,
     /// Centre, world, m.
     pub centre_world: Vector3<f64>,
     /// Heading of the box's own x axis, counter-clockwise from east, rad.
@@ -58,7 +61,7 @@ pub struct Detection {
     pub centre_covariance: Matrix3<f64>,
     /// Variances of the lengths, m^2.
     pub size_variance_m2: Vector3<f64>,
-    /// Where the image cuts it off.
+    /// Where the image, or a neighbour that it touches, cuts it off.
     pub cut: Cut,
     /// Where it is in the image.
     pub window: PixelBox,

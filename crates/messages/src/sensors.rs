@@ -64,11 +64,16 @@ pub struct PoseSample {
     pub world_from_body: Pose,
 }
 
+/// Depth cameras that a vehicle can carry.
+pub const MAX_DEPTH_CAMERAS: usize = 4;
+
 /// A depth image, rows from the top, millimetres along the optical axis; 0 means no return.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthImage {
     /// Time of exposure.
     pub time: Timestamp,
+    /// Which of the vehicle's depth cameras took it, below [`MAX_DEPTH_CAMERAS`]; 0 looks ahead.
+    pub sensor: u8,
     /// Projection of the camera, which also gives the size of the image.
     pub camera: PinholeCamera,
     /// Pose of the camera's optical frame in the body frame.
@@ -117,7 +122,7 @@ pub struct SensorBatch {
     pub infrared: Vec<RangeSample>,
     /// External poses, oldest first.
     pub poses: Vec<PoseSample>,
-    /// Depth images, oldest first; shared because they are large.
+    /// Depth images of all cameras, oldest first; shared because they are large.
     pub depth: Vec<Arc<DepthImage>>,
     /// Reports of the autopilot, oldest first.
     pub autopilot: Vec<AutopilotStatus>,

@@ -175,6 +175,18 @@ pub fn nested(value: &impl Tables, name: &str) -> Result<(), ParameterError> {
     value.validate_under(name)
 }
 
+/// The value is a list of at most `most` tables of declared parameters, checked in their turn.
+///
+/// # Errors
+/// More tables, or the first value in them that is not allowed.
+pub fn few<P: Parameters>(value: &Vec<P>, name: &str, most: usize) -> Result<(), ParameterError> {
+    if value.len() > most {
+        let found = format!("a list of {}", value.len());
+        return Err(ParameterError::new(name, found, format!("at most {most}")));
+    }
+    value.validate_under(name)
+}
+
 /// Whatever the type can hold is allowed.
 ///
 /// # Errors

@@ -32,6 +32,8 @@ pub struct Ray {
 pub struct Contour {
     /// Time of exposure.
     pub time: Timestamp,
+    /// Which of the vehicle's depth cameras took the image.
+    pub sensor: u8,
     /// Position of the camera, world, m.
     pub camera_world: Vector3<f64>,
     /// The rays.

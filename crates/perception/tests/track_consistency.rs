@@ -20,6 +20,7 @@ const SIZE_SIGMA_M: f64 = 0.03;
 fn noisy(centre: Vector3<f64>, size: Vector3<f64>, random: &mut Pcg64) -> Detection {
     let error = Vector3::from(SIGMA_M).map(|sigma| sigma * normal(random));
     Detection {
+        sensor: 0,
         centre_world: centre + error,
         yaw_rad: 0.0,
         size_m: size.map(|length| length + SIZE_SIGMA_M * normal(random)),
@@ -232,6 +233,7 @@ prop_compose! {
     ) -> Detection {
         let root = Matrix3::from_row_slice(&root);
         Detection {
+            sensor: 0,
             centre_world: centre.into(),
             yaw_rad: yaw,
             size_m: size.into(),
@@ -258,6 +260,7 @@ prop_compose! {
         };
         Contour {
             time: Timestamp::ZERO,
+            sensor: 0,
             camera_world: camera.into(),
             rays: ranges.iter().enumerate().map(ray).collect(),
         }

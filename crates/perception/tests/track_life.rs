@@ -5,8 +5,10 @@
 
 mod track_support;
 
-use alula_messages::{Detection, Obstacle, Sight};
-use alula_perception::{Tracker, TrackerConfig};
+use std::f64::consts::FRAC_PI_2;
+
+use alula_messages::{Detection, Obstacle, ObstacleMotion, Sight};
+use alula_perception::{Contour, Tracker, TrackerConfig};
 use nalgebra::{Vector2, Vector3};
 use rand_pcg::Pcg64;
 use track_support::*;
@@ -228,6 +230,85 @@ fn two_people_in_one_box_stay_two() {
         let ids: Vec<_> = now.iter().map(|o| o.id).collect();
         assert_eq!(ids, [0, 1], "image {image}");
     }
+}
+
+/// A tracker behind a camera that looks ahead and one that looks to the left, with images of the
+/// same times.
+struct Pair {
+    tracker: Tracker,
+    random: Pcg64,
+}
+
+impl Pair {
+    fn new(seed: u64) -> Self {
+        Self {
+            tracker: Tracker::new(&TrackerConfig::default()).unwrap(),
+            random: random(seed),
+        }
+    }
+
+    /// Images of the cameras named, 0 ahead and 1 to the left.
+    fn see(&mut self, image: usize, cameras: &[u8], things: &[Cylinder]) -> Vec<Obstacle> {
+        for &sensor in cameras {
+            let camera = Camera {
+                yaw_rad: f64::from(sensor) * FRAC_PI_2,
+                ..at_origin()
+            };
+            let seen = detections(&camera, things, &[], &mut self.random);
+            let contour = Contour {
+                sensor,
+                ..contour(&camera, stamp(image), things, &[])
+            };
+            let here = camera.position();
+            self.tracker.update(stamp(image), &seen, &contour, &here);
+        }
+        self.tracker.obstacles().to_vec()
+    }
+}
+
+#[test]
+fn who_walks_from_one_camera_into_the_next_is_one_and_seen() {
+    for seed in 1..9 {
+        let mut pair = Pair::new(seed);
+        for image in 1..120 {
+            // From ahead to the left at 1.2 m/s; between the views are three degrees.
+            let y_m = -0.5 + 1.2 * stamp(image).as_s();
+            let known = pair.see(image, &[0, 1], &[cylinder(2.0, y_m)]);
+            assert_eq!(known.len(), 1, "image {image}: {known:?}");
+            assert_eq!(
+                (known[0].id, known[0].sight),
+                (0, Sight::Seen),
+                "image {image}"
+            );
+            let off_m = (known[0].centre_world.xy() - Vector2::new(2.0, y_m)).norm();
+            assert!(image < 10 || off_m < 0.2, "{off_m} at image {image}");
+        }
+    }
+}
+
+#[test]
+fn a_pillar_beside_is_not_missed_by_the_camera_ahead() {
+    let mut pair = Pair::new(3);
+    let known = (1..60).map(|image| pair.see(image, &[0, 1], &[cylinder(0.3, 2.5)]));
+    let known = known.last().unwrap();
+    assert_eq!(
+        (known[0].sight, known[0].motion),
+        (Sight::Seen, ObstacleMotion::Static)
+    );
+}
+
+#[test]
+fn what_a_silent_camera_showed_is_out_of_view() {
+    let mut pair = Pair::new(4);
+    let walker = |image| [cylinder(0.0, 2.5 - 0.01 * image as f64)];
+    for image in 1..40 {
+        pair.see(image, &[0, 1], &walker(image));
+    }
+    let mut last = Sight::Seen;
+    for image in 40..55 {
+        last = pair.see(image, &[0], &walker(image))[0].sight;
+    }
+    assert_eq!(last, Sight::OutOfView);
 }
 
 #[test]

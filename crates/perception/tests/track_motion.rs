@@ -134,6 +134,7 @@ fn cut_wall(random: &mut Pcg64) -> Vec<Detection> {
         .map(|ends| {
             let across = 0.03 * normal(random);
             Detection {
+                sensor: 0,
                 centre_world: Vector3::new(4.05 + across, 0.5 * (ends[0] + ends[1]), 1.2),
                 yaw_rad: -std::f64::consts::FRAC_PI_2 + 0.03 * normal(random),
                 size_m: Vector3::new(ends[1] - ends[0], 0.1, 2.4),

@@ -29,6 +29,7 @@ fn fan(camera: Vector3<f64>, range_m: f64, end: RayEnd, time_s: f64) -> Contour 
     };
     Contour {
         time: Timestamp::from_s(time_s),
+        sensor: 0,
         camera_world: camera,
         rays: (0..=100).map(ray).collect(),
     }

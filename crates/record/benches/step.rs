@@ -197,6 +197,7 @@ fn step_with_a_depth_image(bencher: Bencher) {
         .collect();
     let mut image = DepthImage {
         time: Timestamp::ZERO,
+        sensor: 0,
         camera,
         body_from_camera: Mount::at([0.1, 0.0, 0.0], Looking::Forward).body_from_sensor(),
         depth_mm,

@@ -97,6 +97,7 @@ fn depth_image(time: Timestamp) -> Arc<DepthImage> {
     let pixels = camera.width_px * camera.height_px;
     Arc::new(DepthImage {
         time,
+        sensor: 0,
         camera,
         body_from_camera: Mount::at([0.1, 0.0, 0.0], Looking::Forward).body_from_sensor(),
         depth_mm: (0..pixels).map(|i| 500 + (i / 7 % 9000) as u16).collect(),

@@ -48,7 +48,9 @@ impl Assembler {
             Topic::Infrared => self.batch.infrared.push(recorded(data)?),
             Topic::MotionCapture => self.batch.poses.push(recorded(data)?),
             Topic::Autopilot => self.batch.autopilot.push(recorded(data)?),
-            Topic::Depth => self.pixels.push(pixels(data)?),
+            Topic::Depth | Topic::Depth1 | Topic::Depth2 | Topic::Depth3 => {
+                self.pixels.push(pixels(data)?);
+            }
             Topic::Batch => return self.end_batch(data).map(Some),
             Topic::State => self.begin_output(data)?,
             Topic::Fusions => self.take_fusions(data)?,
@@ -64,6 +66,9 @@ impl Assembler {
             Topic::Truth => return Ok(Some(Event::Truth(recorded::<TruthRecord>(data)?))),
             Topic::Log => return log(logged, data).map(Some),
             Topic::DepthCalibration
+            | Topic::Depth1Calibration
+            | Topic::Depth2Calibration
+            | Topic::Depth3Calibration
             | Topic::Sigma
             | Topic::Tf
             | Topic::TfStatic
@@ -106,10 +111,9 @@ impl Assembler {
             return Err(Mismatch::Incomplete("a batch"));
         }
         batch.now = time(message.now_ns);
-        let images = message.depth.iter().zip(pixels);
-        batch
-            .depth
-            .extend(images.map(|(info, pixels)| Arc::new(depth_image(info, pixels))));
+        for (info, pixels) in message.depth.iter().zip(pixels) {
+            batch.depth.push(Arc::new(depth_image(info, pixels)?));
+        }
         Ok(Event::Batch(batch))
     }
 

@@ -2,7 +2,8 @@
 
 use alula_geometry::{PinholeCamera, Pose, Timestamp};
 use alula_messages::{
-    AutopilotStatus, DepthImage, FlowSample, ImuSample, PoseSample, RangeSample, SensorBatch,
+    AutopilotStatus, DepthImage, FlowSample, ImuSample, MAX_DEPTH_CAMERAS, PoseSample, RangeSample,
+    SensorBatch,
 };
 use nalgebra::{Quaternion, Translation3, UnitQuaternion, Vector2, Vector3};
 
@@ -216,6 +217,7 @@ pub(crate) fn depth_info(image: &DepthImage) -> schema::DepthImageInfo {
     let camera = &image.camera;
     schema::DepthImageInfo {
         time_ns: image.time.as_ns(),
+        sensor: Some(u32::from(image.sensor)),
         width_px: camera.width_px,
         height_px: camera.height_px,
         fx_px: camera.fx_px,
@@ -227,9 +229,13 @@ pub(crate) fn depth_info(image: &DepthImage) -> schema::DepthImageInfo {
 }
 
 /// A depth image from what it is and its pixels.
-pub(crate) fn depth_image(info: &schema::DepthImageInfo, depth_mm: Vec<u16>) -> DepthImage {
-    DepthImage {
+pub(crate) fn depth_image(
+    info: &schema::DepthImageInfo,
+    depth_mm: Vec<u16>,
+) -> Result<DepthImage, Mismatch> {
+    Ok(DepthImage {
         time: time(info.time_ns),
+        sensor: depth_sensor(info.sensor())?,
         camera: PinholeCamera {
             width_px: info.width_px,
             height_px: info.height_px,
@@ -240,7 +246,15 @@ pub(crate) fn depth_image(info: &schema::DepthImageInfo, depth_mm: Vec<u16>) -> 
         },
         body_from_camera: pose_from(&info.body_from_camera),
         depth_mm,
-    }
+    })
+}
+
+/// The number of a depth camera.
+pub(crate) fn depth_sensor(number: u32) -> Result<u8, Mismatch> {
+    let number = u8::try_from(number).ok();
+    number
+        .filter(|number| usize::from(*number) < MAX_DEPTH_CAMERAS)
+        .ok_or(Mismatch::TooLarge("sensor"))
 }
 
 /// Fills the message that ends a batch.

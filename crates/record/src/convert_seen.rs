@@ -5,7 +5,7 @@ use alula_messages::{
     PLAN_POINTS, PixelBox, Plan, PlanExit, PlanPoint, Sight,
 };
 
-use crate::convert::{Mismatch, Recorded, time, vector_from, vector_to};
+use crate::convert::{Mismatch, Recorded, depth_sensor, time, vector_from, vector_to};
 use crate::convert_output::{present, same_names};
 use crate::covariance::{covariance_from, covariance_to};
 use crate::schema;
@@ -99,11 +99,13 @@ impl Recorded for Detection {
             nearest_m: self.depth_m[0],
             farthest_m: self.depth_m[1],
             pixels: self.pixels,
+            sensor: Some(self.sensor.into()),
         }
     }
 
     fn from_message(message: &schema::Detection) -> Result<Self, Mismatch> {
         Ok(Self {
+            sensor: depth_sensor(message.sensor())?,
             centre_world: vector_from(&message.centre_world_m),
             yaw_rad: message.yaw_rad,
             size_m: vector_from(&message.size_m),

@@ -1,12 +1,23 @@
 //! Things, frames and images in the schemas of Foxglove.
 
 use alula_geometry::{Pose, Timestamp};
-use alula_messages::DepthImage;
+use alula_messages::{DepthImage, MAX_DEPTH_CAMERAS};
 use foxglove::messages as fox;
 use nalgebra::{Point3, Vector3};
 
 pub(crate) const WORLD: &str = "world";
-pub(crate) const DEPTH_CAMERA: &str = "depth_camera";
+/// Frames of the depth cameras.
+const DEPTH_CAMERAS: [&str; MAX_DEPTH_CAMERAS] = [
+    "depth_camera",
+    "depth_camera_1",
+    "depth_camera_2",
+    "depth_camera_3",
+];
+
+/// Frame of the depth camera with a number below [`MAX_DEPTH_CAMERAS`]; 0 looks ahead.
+pub fn depth_camera_frame(sensor: u8) -> &'static str {
+    DEPTH_CAMERAS[usize::from(sensor) % MAX_DEPTH_CAMERAS]
+}
 
 const THING: fox::Color = colour(0.55, 0.60, 0.66, 0.9);
 const PERSON: fox::Color = colour(0.90, 0.45, 0.15, 0.9);
@@ -79,7 +90,7 @@ pub(crate) fn raw_image(image: &DepthImage) -> fox::RawImage {
         .collect();
     fox::RawImage {
         timestamp: stamp(image.time),
-        frame_id: DEPTH_CAMERA.to_owned(),
+        frame_id: depth_camera_frame(image.sensor).to_owned(),
         width: image.camera.width_px,
         height: image.camera.height_px,
         encoding: "16UC1".to_owned(),
@@ -93,7 +104,7 @@ pub(crate) fn calibration(image: &DepthImage) -> fox::CameraCalibration {
     let (fx, fy, cx, cy) = (c.fx_px, c.fy_px, c.cx_px, c.cy_px);
     fox::CameraCalibration {
         timestamp: stamp(image.time),
-        frame_id: DEPTH_CAMERA.to_owned(),
+        frame_id: depth_camera_frame(image.sensor).to_owned(),
         width: c.width_px,
         height: c.height_px,
         distortion_model: String::new(),

@@ -187,12 +187,13 @@ pub(crate) fn plan(now: Timestamp, plan: &Plan) -> fox::SceneEntity {
     entity
 }
 
-/// Windows of detections over the image that was exposed at `seen_at`.
+/// Windows of detections over the image ahead that was exposed at `seen_at`.
 pub(crate) fn annotations(seen_at: Timestamp, detections: &[Detection]) -> fox::ImageAnnotations {
+    let ahead = || detections.iter().filter(|d| d.sensor == 0);
     fox::ImageAnnotations {
         timestamp: stamp(seen_at),
-        points: detections.iter().map(|d| window(&d.window)).collect(),
-        texts: detections.iter().map(caption).collect(),
+        points: ahead().map(|d| window(&d.window)).collect(),
+        texts: ahead().map(caption).collect(),
         ..fox::ImageAnnotations::default()
     }
 }
@@ -242,7 +243,7 @@ pub(crate) fn u_depth_image(
     let bytes: Vec<u8> = rows.flatten().map(|&n| n.min(255) as u8).collect();
     Some(fox::RawImage {
         timestamp: stamp(time),
-        frame_id: crate::draw::DEPTH_CAMERA.to_owned(),
+        frame_id: crate::draw::depth_camera_frame(0).to_owned(),
         width: u32::try_from(columns).ok()?,
         height: u32::try_from(bins).ok()?,
         encoding: "mono8".to_owned(),

@@ -47,7 +47,7 @@ mod topic;
 pub mod tum;
 mod view;
 
-pub use draw::{Person, SceneShape};
+pub use draw::{Person, SceneShape, depth_camera_frame};
 pub use error::RecordError;
 pub use header::Header;
 pub use recorder::Recorder;

@@ -86,6 +86,7 @@ fn read_frame(stem: &Path, time: Timestamp) -> Result<Frame, RecordError> {
     let scale = f64::from(width_px) / 640.0;
     let image = DepthImage {
         time,
+        sensor: 0,
         // The Kinect as the dataset describes it.
         camera: PinholeCamera {
             width_px,

@@ -42,6 +42,12 @@ topics! {
     Autopilot = "/sensors/autopilot", ours("AutopilotStatus");
     Depth = "/sensors/depth", fox::RawImage::get_schema();
     DepthCalibration = "/sensors/depth/calibration", fox::CameraCalibration::get_schema();
+    Depth1 = "/sensors/depth_1", fox::RawImage::get_schema();
+    Depth1Calibration = "/sensors/depth_1/calibration", fox::CameraCalibration::get_schema();
+    Depth2 = "/sensors/depth_2", fox::RawImage::get_schema();
+    Depth2Calibration = "/sensors/depth_2/calibration", fox::CameraCalibration::get_schema();
+    Depth3 = "/sensors/depth_3", fox::RawImage::get_schema();
+    Depth3Calibration = "/sensors/depth_3/calibration", fox::CameraCalibration::get_schema();
     Batch = "/batch", ours("Batch");
     State = "/estimate/state", ours("NavState");
     Sigma = "/estimate/sigma", ours("Sigma");

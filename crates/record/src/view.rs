@@ -6,19 +6,27 @@ use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 
 use alula_geometry::{Pose, TimeDelta, Timestamp};
-use alula_messages::{DepthImage, StackOutput};
+use alula_messages::{DepthImage, MAX_DEPTH_CAMERAS, StackOutput};
 use foxglove::messages as fox;
 
 use crate::RecordError;
 use crate::convert_state::sigma;
 use crate::draw::{
-    DEPTH_CAMERA, Person, SceneShape, WORLD, calibration, draw, entity, fox_pose, fox_vector,
+    Person, SceneShape, WORLD, calibration, depth_camera_frame, draw, entity, fox_pose, fox_vector,
     person, raw_image, stamp, transform,
 };
 use crate::draw_seen::{annotations, obstacle, plan, replace_all, u_depth_image};
 use crate::recording::{LogLevel, TruthRecord};
 use crate::sink::Sink;
 use crate::topic::Topic;
+
+/// Pixels and calibration of each depth camera.
+const DEPTH_TOPICS: [[Topic; 2]; MAX_DEPTH_CAMERAS] = [
+    [Topic::Depth, Topic::DepthCalibration],
+    [Topic::Depth1, Topic::Depth1Calibration],
+    [Topic::Depth2, Topic::Depth2Calibration],
+    [Topic::Depth3, Topic::Depth3Calibration],
+];
 
 const BODY: &str = "body";
 const BODY_TRUE: &str = "body_true";
@@ -48,11 +56,11 @@ pub(crate) struct View {
     mounts: BTreeMap<String, Pose>,
     mounts_chunk: Option<u64>,
     scene: Option<fox::SceneEntity>,
-    calibration_chunk: Option<u64>,
+    calibration_chunks: [Option<u64>; MAX_DEPTH_CAMERAS],
     obstacles: Throttle,
     plan: Throttle,
     u_depth: Throttle,
-    /// Exposure of the last image that was written.
+    /// Exposure of the last image of the camera ahead that was written.
     image: Option<Timestamp>,
 }
 
@@ -68,7 +76,7 @@ impl Default for View {
             mounts: BTreeMap::new(),
             mounts_chunk: None,
             scene: None,
-            calibration_chunk: None,
+            calibration_chunks: [None; MAX_DEPTH_CAMERAS],
             obstacles: Throttle::from_hz(OBSTACLES_HZ),
             plan: Throttle::from_hz(PLAN_HZ),
             u_depth: Throttle::from_hz(U_DEPTH_HZ),
@@ -174,16 +182,19 @@ impl View {
         now: Timestamp,
         image: &DepthImage,
     ) -> Result<(), RecordError> {
-        self.mount(DEPTH_CAMERA, &image.body_from_camera);
+        self.mount(depth_camera_frame(image.sensor), &image.body_from_camera);
         self.repeat_mounts(sink, now)?;
+        let camera = usize::from(image.sensor) % MAX_DEPTH_CAMERAS;
+        let [topic, calibration_topic] = DEPTH_TOPICS[camera];
         let chunk = Some(sink.chunk_number());
-        if self.calibration_chunk != chunk {
-            self.calibration_chunk = chunk;
-            let message = calibration(image);
-            sink.write(Topic::DepthCalibration, now, image.time, &message)?;
+        if self.calibration_chunks[camera] != chunk {
+            self.calibration_chunks[camera] = chunk;
+            sink.write(calibration_topic, now, image.time, &calibration(image))?;
         }
-        self.image = Some(image.time);
-        sink.write(Topic::Depth, now, image.time, &raw_image(image))
+        if camera == 0 {
+            self.image = Some(image.time);
+        }
+        sink.write(topic, now, image.time, &raw_image(image))
     }
 
     /// A frame that is fixed to the body.

@@ -7,6 +7,7 @@ mod made;
 
 use std::fs::File;
 use std::path::Path;
+use std::sync::Arc;
 
 use alula_geometry::{Pose, Timestamp};
 use alula_messages::{Command, ImuSample, SensorBatch, StackOutput};
@@ -222,7 +223,9 @@ fn count_of_sights(topic: &str) -> u64 {
         output.obstacles = vec![made::obstacle(&mut numbers)];
         output.plan = Some(made::plan(&mut numbers));
         if step % 10 == 0 {
-            batch.depth = vec![made::depth(&mut numbers, batch.now)];
+            let mut ahead = made::depth(&mut numbers, batch.now);
+            Arc::make_mut(&mut ahead).sensor = 0;
+            batch.depth = vec![ahead];
         }
         recorder.write_batch(&batch).unwrap();
         recorder.write_output(&output).unwrap();

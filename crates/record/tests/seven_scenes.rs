@@ -84,6 +84,7 @@ fn above_floor(down_deg: f64) -> Frame {
     Frame {
         image: DepthImage {
             time: Timestamp::ZERO,
+            sensor: 0,
             camera,
             body_from_camera: Pose::identity(),
             depth_mm,

@@ -149,7 +149,7 @@ impl BeliefLog {
         self.note_plan(t_s, output);
         self.note_hindrance(t_s, output.hindrance);
         self.note_sightings(t_s, output);
-        if let Some(image) = batch.depth.last() {
+        if let Some(image) = ahead(batch).next_back() {
             self.image = Some(Arc::clone(image));
         }
         if matches!(output.mode, FlightMode::Disarmed | FlightMode::Armed) {
@@ -299,7 +299,7 @@ impl BeliefLog {
 
     fn seen_image(&self, batch: &SensorBatch, output: &StackOutput) -> Option<Arc<DepthImage>> {
         let seen_at = output.seen_at?;
-        let mut images = batch.depth.iter().chain(&self.image);
+        let mut images = ahead(batch).chain(&self.image);
         images.find(|image| image.time == seen_at).cloned()
     }
 
@@ -313,6 +313,11 @@ impl BeliefLog {
             farthest.map(|i| self.moments.remove(i));
         }
     }
+}
+
+/// Images of the camera that looks ahead.
+fn ahead(batch: &SensorBatch) -> impl DoubleEndedIterator<Item = &Arc<DepthImage>> {
+    batch.depth.iter().filter(|image| image.sensor == 0)
 }
 
 fn distances(t_s: f64, truth: &TruthRecord, world: &World) -> Distances {

@@ -1,5 +1,5 @@
 //! Who came how near: true distances between the flying vehicle and people, and whether its depth
-//! camera could have seen those who came too near. It judges a flight; nothing that flies sees it.
+//! cameras could have seen those who came too near. It judges a flight; nothing that flies sees it.
 
 use std::collections::BTreeMap;
 
@@ -44,7 +44,7 @@ pub struct Contact {
     over: bool,
 }
 
-/// The depth camera as it is fixed to the true vehicle.
+/// A depth camera as it is fixed to the true vehicle.
 #[derive(Clone, Debug)]
 pub(crate) struct Eye {
     body_from_camera: Pose,
@@ -57,7 +57,7 @@ pub(crate) struct Eye {
 #[derive(Clone, Debug)]
 pub struct Encounters {
     contact_distance_m: f64,
-    eye: Option<Eye>,
+    eyes: Vec<Eye>,
     next_look_s: f64,
     /// Looks at each person who was ever in view, the last one in the lowest bit.
     looks: BTreeMap<u32, u128>,
@@ -66,12 +66,15 @@ pub struct Encounters {
 }
 
 impl Encounters {
-    /// A watch over a vehicle with this depth camera; a contact is nearer than
+    /// A watch over a vehicle with these depth cameras; a contact is nearer than
     /// `contact_distance_m`.
-    pub fn new(contact_distance_m: f64, depth: Option<&DepthSetup>) -> Self {
+    pub fn new<'a>(
+        contact_distance_m: f64,
+        depth_cameras: impl Iterator<Item = &'a DepthSetup>,
+    ) -> Self {
         Self {
             contact_distance_m,
-            eye: depth.map(Eye::new),
+            eyes: depth_cameras.map(Eye::new).collect(),
             next_look_s: 0.0,
             looks: BTreeMap::new(),
             min_distance_m: None,
@@ -119,14 +122,12 @@ impl Encounters {
 
     /// Notes who is in view.
     fn look(&mut self, world: &World, time: Timestamp, world_from_body: &Pose) {
-        let Some(eye) = &self.eye else {
-            return;
-        };
         for looks in self.looks.values_mut() {
             *looks = (*looks << 1) & ((1 << REMEMBERED_LOOKS) - 1);
         }
         for person in world.people_at(time) {
-            if eye.sees(world, time, world_from_body, &person) {
+            let sees = |eye: &Eye| eye.sees(world, time, world_from_body, &person);
+            if self.eyes.iter().any(sees) {
                 *self.looks.entry(person.id).or_default() |= 1;
             }
         }

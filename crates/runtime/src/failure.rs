@@ -123,7 +123,7 @@ mod tests {
 
     #[test]
     fn collisions_are_told_apart_by_what_was_hit() {
-        let encounters = Encounters::new(0.4, None);
+        let encounters = Encounters::new(0.4, [].iter());
         let word = |collision: &Collision| of_collision(Some(collision), &encounters);
         assert_eq!(word(&contact(ThingId::Person(0))), "collision_person");
         assert_eq!(word(&contact(ThingId::Obstacle(3))), "collision_obstacle");

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use alula_geometry::{Pose, Timestamp};
 use alula_messages::{Hindrance, Mount, SensorBatch, StackOutput, Vehicle};
-use alula_record::{Header, LogLevel, Recorder, TruthRecord};
+use alula_record::{Header, LogLevel, Recorder, TruthRecord, depth_camera_frame};
 use alula_sim::world::World;
 use alula_sim::{Collision, SimulatedVehicle};
 use alula_stack::{Stack, Stage};
@@ -187,9 +187,11 @@ impl<'a> Run<'a> {
         tape: Option<Tape>,
     ) -> Result<Self, RunError> {
         let simulation = &scenario.config().simulation;
-        let depth = simulation.sensors.depth.as_ref();
         Ok(Self {
-            encounters: Encounters::new(simulation.contact_distance_m, depth),
+            encounters: Encounters::new(
+                simulation.contact_distance_m,
+                simulation.sensors.depth_cameras().map(|(_, setup)| setup),
+            ),
             hindrance: None,
             scenario,
             seed,
@@ -463,13 +465,16 @@ impl Tape {
 /// The sensors of a scenario and how they are fixed to the body.
 fn mounts(scenario: &Scenario) -> Vec<(&'static str, &Mount)> {
     let sensors = &scenario.config().simulation.sensors;
+    let depth_cameras = sensors
+        .depth_cameras()
+        .map(|(sensor, setup)| (depth_camera_frame(sensor), Some(&setup.mount)));
     [
         ("flow_camera", sensors.flow.as_ref().map(|s| &s.mount)),
         ("sonar", sensors.sonar.as_ref().map(|s| &s.mount)),
         ("infrared", sensors.infrared.as_ref().map(|s| &s.mount)),
-        ("depth_camera", sensors.depth.as_ref().map(|s| &s.mount)),
     ]
     .into_iter()
+    .chain(depth_cameras)
     .filter_map(|(name, mount)| mount.map(|mount| (name, mount)))
     .collect()
 }

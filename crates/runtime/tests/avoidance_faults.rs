@@ -114,6 +114,24 @@ fn without_images_the_vehicle_brakes_holds_and_lands() {
     }
 }
 
+/// Who sees to all sides does not fly on with one side blind.
+#[test]
+fn without_one_of_two_cameras_the_vehicle_brakes_holds_and_lands() {
+    let seed = 1;
+    let start_s = fault_s(seed);
+    let behind = format!(
+        "simulation.sensors.more_depth=[{{mount={{position_m=[-0.1,0.0,0.0],looking=\"forward\",\
+         roll_pitch_yaw_deg=[0.0,0.0,180.0]}},\
+         model={{failures=[{{kind=\"drop_out\",start_s={start_s:?}}}]}}}}]"
+    );
+    let flight = flown(&[DESERTED, &behind], seed);
+    expect_no_touch(&flight);
+    assert_eq!(flight.summary.failure.as_deref(), Some("guard_depth_lost"));
+    let (from, velocity) = at(&flight, start_s);
+    let (to, _) = at(&flight, start_s + 4.0);
+    assert!((to - from).xy().norm() < stopping_m(velocity.norm()));
+}
+
 /// Someone who is suddenly there.
 #[test]
 fn what_appears_a_metre_ahead_is_not_run_into() {

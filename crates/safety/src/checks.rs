@@ -295,7 +295,7 @@ impl View<'_> {
             return None;
         }
         over(
-            self.raw.seconds_since(self.raw.depth),
+            self.raw.seconds_since(self.raw.depth()),
             self.config.sensors.depth_hold_s,
         )
     }

@@ -211,7 +211,7 @@ impl Guard {
             (inside, Violation::Geofence),
             (arrives(raw.flow_arrived), Violation::FlowLost),
             (
-                !self.needs_depth || raw.seconds_since(raw.depth) <= ARRIVING_S,
+                !self.needs_depth || raw.seconds_since(raw.depth()) <= ARRIVING_S,
                 Violation::DepthLost,
             ),
             (

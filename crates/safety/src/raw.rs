@@ -1,7 +1,7 @@
 //! The guard's own record of the motion, from raw data alone: coarse, simple, independent.
 
 use alula_geometry::{GRAVITY_M_S2, Timestamp, so3};
-use alula_messages::{FlowSample, ImuSample, RangeSample, SensorBatch};
+use alula_messages::{FlowSample, ImuSample, MAX_DEPTH_CAMERAS, RangeSample, SensorBatch};
 use nalgebra::{Vector2, Vector3};
 
 use crate::config::{DescentConfig, SensorLimits};
@@ -79,6 +79,15 @@ fn shows_anything(depth_mm: &[u16]) -> bool {
     returns.count() as f64 > SHARE * count as f64
 }
 
+/// What came from one depth camera.
+#[derive(Clone, Copy, Debug, Default)]
+struct DepthCamera {
+    /// Latest image that shows anything.
+    newest: Option<Timestamp>,
+    /// What the last image shows, to tell a camera that is stuck.
+    fingerprint: Option<u64>,
+}
+
 /// What raw data say about the motion.
 #[derive(Clone, Debug)]
 pub(crate) struct RawMotion {
@@ -110,10 +119,8 @@ pub(crate) struct RawMotion {
     pub(crate) landed_height_m: f64,
     /// Latest flow sample of any kind, and latest usable one.
     pub(crate) flow_arrived: Option<Timestamp>,
-    /// Latest depth image that shows anything.
-    pub(crate) depth: Option<Timestamp>,
-    /// What the last image shows, to tell a camera that is stuck.
-    depth_fingerprint: Option<u64>,
+    /// What came from each depth camera.
+    depth: [DepthCamera; MAX_DEPTH_CAMERAS],
     pub(crate) flow: Option<Timestamp>,
     /// Horizontal velocity by flow less the estimate's, body, low-passed, m/s.
     pub(crate) flow_gap_m_s: Vector2<f64>,
@@ -140,8 +147,7 @@ impl RawMotion {
             slant: None,
             landed_height_m: 0.0,
             flow_arrived: None,
-            depth: None,
-            depth_fingerprint: None,
+            depth: [DepthCamera::default(); MAX_DEPTH_CAMERAS],
             flow: None,
             flow_gap_m_s: Vector2::zeros(),
         }
@@ -180,12 +186,21 @@ impl RawMotion {
 
     fn take_images(&mut self, batch: &SensorBatch) {
         for image in &batch.depth {
+            let Some(camera) = self.depth.get_mut(usize::from(image.sensor)) else {
+                continue;
+            };
             let fingerprint = image.fingerprint();
-            let is_stuck = self.depth_fingerprint.replace(fingerprint) == Some(fingerprint);
+            let is_stuck = camera.fingerprint.replace(fingerprint) == Some(fingerprint);
             if !is_stuck && shows_anything(&image.depth_mm) {
-                self.depth = self.depth.max(Some(image.time));
+                camera.newest = camera.newest.max(Some(image.time));
             }
         }
+    }
+
+    /// Latest image that shows anything, of the depth camera that has shown nothing for longest;
+    /// cameras that never showed anything are not known of.
+    pub(crate) fn depth(&self) -> Option<Timestamp> {
+        self.depth.iter().filter_map(|camera| camera.newest).min()
     }
 
     /// Angle between the body's z axis and the vertical, rad.

@@ -348,6 +348,7 @@ fn detection<'a>(
         vertical.centre_variance_m2,
     );
     Some(Detection {
+        sensor: level.sensor,
         centre_world,
         yaw_rad: level.heading_rad(&shape.axis),
         size_m: Vector3::new(shape.size_m.x, shape.size_m.y, vertical.size_m),

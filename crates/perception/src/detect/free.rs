@@ -1,6 +1,6 @@
 //! How far the view is free, from the surfaces and the seen floor of the columns.
 
-use alula_geometry::Timestamp;
+use alula_messages::DepthImage;
 use nalgebra::Vector2;
 
 use super::DetectorConfig;
@@ -12,13 +12,14 @@ use crate::{Contour, Ray, RayEnd};
 /// Fills the rays of a contour.
 pub(super) fn look(
     contour: &mut Contour,
-    time: Timestamp,
+    image: &DepthImage,
     map: &Histogram,
     columns: &Columns,
     level: &Level,
     config: &DetectorConfig,
 ) {
-    contour.time = time;
+    contour.time = image.time;
+    contour.sensor = image.sensor;
     contour.camera_world = level.camera_world;
     contour.rays.clear();
     let rays = config.rays as usize;

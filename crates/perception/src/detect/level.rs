@@ -19,6 +19,8 @@ pub(super) const LEAST_AHEAD: f64 = 0.3;
 pub(super) struct Level {
     pub world_from_level: Matrix3<f64>,
     pub level_from_camera: Matrix3<f64>,
+    /// Which of the vehicle's depth cameras it is.
+    pub sensor: u8,
     pub camera: PinholeCamera,
     pub camera_world: Vector3<f64>,
     pub body_world: Vector3<f64>,
@@ -61,6 +63,7 @@ impl Level {
         let mut level = Self {
             world_from_level,
             level_from_camera: world_from_level.transpose() * rotation.matrix(),
+            sensor: image.sensor,
             camera,
             camera_world: world_from_camera.translation.vector,
             body_world: view.world_from_body.translation.vector,

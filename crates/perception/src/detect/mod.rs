@@ -84,6 +84,7 @@ impl Detector {
         let config = &self.config;
         let Some(level) = Level::new(image, view) else {
             self.contour.time = image.time;
+            self.contour.sensor = image.sensor;
             self.contour.rays.clear();
             return &self.detections;
         };
@@ -94,14 +95,7 @@ impl Detector {
         self.boxes
             .make(&self.chains, &level, config, &mut self.detections);
         let contour = &mut self.contour;
-        free::look(
-            contour,
-            image.time,
-            &self.map,
-            &self.columns,
-            &level,
-            config,
-        );
+        free::look(contour, image, &self.map, &self.columns, &level, config);
         &self.detections
     }
 

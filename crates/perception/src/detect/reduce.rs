@@ -76,6 +76,7 @@ mod tests {
     fn image(depth_mm: Vec<u16>) -> DepthImage {
         DepthImage {
             time: Timestamp::ZERO,
+            sensor: 0,
             camera: PinholeCamera::from_field_of_view(4, 2, 1.0, 0.6),
             body_from_camera: Pose::identity(),
             depth_mm,

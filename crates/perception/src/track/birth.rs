@@ -28,6 +28,7 @@ impl Track {
             motion: ObstacleMotion::Undecided,
             standing_s: 0.0,
             sight: Sight::Seen,
+            sensor: 0,
             last_seen: time,
             images: 1,
             misses: 0,

@@ -419,6 +419,7 @@ mod tests {
         let along = last - touched;
         let middle = 0.5 * (touched + last);
         Detection {
+            sensor: 0,
             centre_world: Vector3::new(middle.x, middle.y, 1.0),
             centre_covariance: Matrix3::identity() * 1e-4,
             yaw_rad: along.y.atan2(along.x),

@@ -23,6 +23,8 @@ pub(super) struct Track {
     /// Time for which the velocity has counted as zero, s.
     pub standing_s: f64,
     pub sight: Sight,
+    /// The camera that judged its sight last.
+    pub sensor: u8,
     pub last_seen: Timestamp,
     pub images: u32,
     /// Images in sequence without detection though the view is free beyond.
@@ -137,6 +139,7 @@ impl Track {
         self.state = found.state;
         self.state.take_lengths(&lengths);
         self.turns = None;
+        self.sensor = found.sensor;
         let images = self.images.saturating_add(found.images);
         self.mark_seen(found.last_seen);
         self.images = images;

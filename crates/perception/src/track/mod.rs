@@ -14,7 +14,7 @@ mod update;
 
 use alula_geometry::Timestamp;
 use alula_geometry::gaussian::chi_square_quantile;
-use alula_messages::{Detection, Footprint, Obstacle, ObstacleMotion, Sight};
+use alula_messages::{Detection, Footprint, MAX_DEPTH_CAMERAS, Obstacle, ObstacleMotion, Sight};
 use alula_parameters::{ParameterError, Parameters};
 use nalgebra::Vector3;
 
@@ -25,6 +25,9 @@ use faces::FACES;
 use followed::Track;
 use motion::MotionTest;
 use sight::View;
+
+/// A camera that has sent nothing for this long shows nothing any more, s.
+const SILENT_S: f64 = 0.25;
 
 /// Quantiles of chi-square.
 #[derive(Clone, Debug)]
@@ -62,6 +65,8 @@ pub struct Tracker {
     tracks: Vec<Track>,
     obstacles: Vec<Obstacle>,
     time: Option<Timestamp>,
+    /// Time of the last image of each camera.
+    images: [Option<Timestamp>; MAX_DEPTH_CAMERAS],
     next_id: u32,
 }
 
@@ -81,14 +86,16 @@ impl Tracker {
             obstacles: Vec::with_capacity(config.max_tracks),
             config: config.clone(),
             time: None,
+            images: [None; MAX_DEPTH_CAMERAS],
             next_id: 0,
         })
     }
 
     /// Takes in one image: its detections, its contour, and where the vehicle was.
     ///
-    /// An image that is not later than the last one changes nothing. Detections that are not
-    /// finite are left out. Returns [`Self::obstacles`].
+    /// An image that is earlier than the last one, or not later than the last one of its camera,
+    /// changes nothing. Detections that are not finite are left out. Returns
+    /// [`Self::obstacles`].
     pub fn update(
         &mut self,
         time: Timestamp,
@@ -96,13 +103,16 @@ impl Tracker {
         contour: &Contour,
         vehicle_world: &Vector3<f64>,
     ) -> &[Obstacle] {
-        let dt_s = match self.time {
-            Some(last) if time <= last => return &self.obstacles,
-            Some(last) => time.seconds_since(last),
-            None => 0.0,
+        let Some(image) = self.images.get_mut(usize::from(contour.sensor)) else {
+            return &self.obstacles;
         };
-        self.time = Some(time);
-        self.predict(dt_s);
+        if self.time.is_some_and(|last| time < last) || image.is_some_and(|last| time <= last) {
+            return &self.obstacles;
+        }
+        let since_s = |last: Option<Timestamp>| last.map_or(0.0, |last| time.seconds_since(last));
+        let image_s = since_s(image.replace(time));
+        let step_s = since_s(self.time.replace(time));
+        self.predict(step_s);
         self.take(detections, contour, vehicle_world);
         self.associator.run(
             &self.config,
@@ -111,11 +121,11 @@ impl Tracker {
             &mut self.tracks,
             &mut self.seen,
         );
-        self.correct(time, dt_s);
-        self.judge_unseen(contour, dt_s);
+        self.correct(time, contour.sensor, image_s);
+        self.judge_unseen(contour, image_s);
         self.forget(time, vehicle_world);
         self.recognise(time);
-        self.start_new(time, vehicle_world);
+        self.start_new(time, contour.sensor, vehicle_world);
         self.publish(time);
         &self.obstacles
     }
@@ -144,6 +154,7 @@ impl Tracker {
         self.tracks.clear();
         self.obstacles.clear();
         self.time = None;
+        self.images = [None; MAX_DEPTH_CAMERAS];
     }
 
     /// Predicts all tracks; those that become too uncertain would match anything and end.
@@ -190,7 +201,7 @@ impl Tracker {
     }
 
     /// Corrects the tracks that were matched.
-    fn correct(&mut self, time: Timestamp, dt_s: f64) {
+    fn correct(&mut self, time: Timestamp, sensor: u8, image_s: f64) {
         let Self {
             config,
             gates,
@@ -201,18 +212,21 @@ impl Tracker {
             let Some(track) = seen.track.and_then(|index| self.tracks.get_mut(index)) else {
                 continue;
             };
+            let unseen_s = time.seconds_since(track.last_seen);
+            track.sensor = sensor;
             if track.footprint == Footprint::Flat {
                 let (flat, model) = (&config.flat, &config.model);
                 flat::update(track, time, &seen.detection, &seen.faces, flat, model);
             } else {
                 track.update(time, &seen.faces, gates, &config.model);
-                motion.judge(track, dt_s, &config.model);
+                // Two cameras may show it at the same time.
+                motion.judge(track, image_s.min(unseen_s), &config.model);
             }
         }
     }
 
     /// Says of every track without detection why it has none.
-    fn judge_unseen(&mut self, contour: &Contour, dt_s: f64) {
+    fn judge_unseen(&mut self, contour: &Contour, image_s: f64) {
         let life = &self.config.life;
         let doubt = if life.doubtful_s > 0.0 {
             life.ghost_s / life.doubtful_s
@@ -220,6 +234,9 @@ impl Tracker {
             1.0
         };
         let associator = &self.associator;
+        let shows_others = self
+            .images
+            .map(|image| image.is_some_and(|image| contour.time.seconds_since(image) <= SILENT_S));
         for (index, track) in self.tracks.iter_mut().enumerate() {
             if associator.is_matched(index) {
                 continue;
@@ -228,17 +245,23 @@ impl Tracker {
             if view == View::Doubtful && associator.is_merged(index) {
                 view = View::Hidden;
             }
+            let is_others =
+                track.sensor != contour.sensor && shows_others[usize::from(track.sensor)];
+            if is_others && (track.sight == Sight::Seen || view == View::Outside) {
+                continue;
+            }
+            track.sensor = contour.sensor;
             match view {
                 View::Outside => track.sight = Sight::OutOfView,
                 View::Hidden => track.sight = Sight::Hidden,
                 View::Doubtful => {
                     track.sight = Sight::Missed;
-                    track.missed_s += doubt * dt_s;
+                    track.missed_s += doubt * image_s;
                 }
                 View::Clear => {
                     track.sight = Sight::Missed;
                     track.misses += 1;
-                    track.missed_s += dt_s;
+                    track.missed_s += image_s;
                 }
             }
         }
@@ -253,7 +276,7 @@ impl Tracker {
             let replaced = associator.is_replaced(index);
             index += 1;
             let finite = track.state.is_finite();
-            if track.sight == Sight::Seen || !finite {
+            if (track.sight == Sight::Seen && !replaced) || !finite {
                 return finite;
             }
             let unseen_s = time.seconds_since(track.last_seen);
@@ -308,11 +331,12 @@ impl Tracker {
     }
 
     /// Starts a track for every detection that has none; without room, in place of a farther one.
-    fn start_new(&mut self, time: Timestamp, vehicle_world: &Vector3<f64>) {
+    fn start_new(&mut self, time: Timestamp, sensor: u8, vehicle_world: &Vector3<f64>) {
         for seen in self.seen.iter().filter(|seen| seen.is_new()) {
             let footprint = seen.detection.footprint;
             let (id, model) = (self.next_id, &self.config.model);
-            let track = Track::new(id, time, footprint, &seen.faces, model);
+            let mut track = Track::new(id, time, footprint, &seen.faces, model);
+            track.sensor = sensor;
             let distance = |track: &Track| (track.position() - vehicle_world).xy().norm();
             if self.tracks.len() >= self.config.max_tracks {
                 match farthest_of(self.tracks.iter().map(distance)) {

@@ -183,6 +183,7 @@ pub fn render(camera: PinholeCamera, view: &View, things: &[Thing]) -> DepthImag
     }
     DepthImage {
         time: Timestamp::ZERO,
+        sensor: 0,
         camera,
         body_from_camera,
         depth_mm,

@@ -147,6 +147,7 @@ pub fn contour(camera: &Camera, time: Timestamp, things: &[Cylinder], walls: &[W
     };
     Contour {
         time,
+        sensor: 0,
         camera_world: camera.position(),
         rays: (0..RAYS).map(ray).collect(),
     }
@@ -225,6 +226,7 @@ fn detection(
     let depth_variance = front_sigma.powi(2) + guess_sigma.powi(2);
     let variance = Vector3::new(0.25 * ends, depth_variance, 0.02_f64.powi(2));
     Detection {
+        sensor: 0,
         centre_world: Vector3::new(centre.x, centre.y, 0.9 + 0.02 * normal(random)),
         yaw_rad: camera.yaw_rad - angle,
         size_m: Vector3::new(

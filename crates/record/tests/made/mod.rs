@@ -103,6 +103,7 @@ pub fn depth(n: &mut Numbers, time: Timestamp) -> Arc<DepthImage> {
     };
     Arc::new(DepthImage {
         time,
+        sensor: n.below(4) as u8,
         camera,
         body_from_camera: n.pose(),
         depth_mm: (0..24).map(|_| n.bits() as u16).collect(),
@@ -331,6 +332,7 @@ fn footprint(n: &mut Numbers) -> Footprint {
 
 pub fn detection(n: &mut Numbers) -> Detection {
     Detection {
+        sensor: n.below(4) as u8,
         centre_world: n.vector(),
         yaw_rad: n.number(),
         size_m: n.vector(),

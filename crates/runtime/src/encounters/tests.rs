@@ -23,7 +23,7 @@ fn camera() -> DepthSetup {
 /// `duration_s`.
 fn watched(text: &str, yaw_deg: f64, duration_s: f64, airborne: bool) -> Encounters {
     let world = world(text);
-    let mut encounters = Encounters::new(0.4, Some(&camera()));
+    let mut encounters = Encounters::new(0.4, [camera()].iter());
     let pose = Pose::from_parts(
         Translation3::new(0.0, 0.0, 0.9),
         UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_deg.to_radians()),
@@ -96,7 +96,7 @@ fn every_approach_is_a_contact_of_its_own() {
 #[test]
 fn without_a_camera_everybody_comes_unseen() {
     let world = world(FROM_THE_EAST);
-    let mut encounters = Encounters::new(0.4, None);
+    let mut encounters = Encounters::new(0.4, [].iter());
     let pose = Pose::translation(0.0, 0.0, 0.9);
     for i in 0..400 {
         encounters.push(&world, Timestamp::from_s(0.01 * f64::from(i)), &pose, true);

@@ -390,6 +390,7 @@ mod tests {
 
     fn found(x_m: f64, footprint: Footprint) -> Detection {
         Detection {
+            sensor: 0,
             centre_world: Vector3::new(x_m, 0.0, 0.0),
             yaw_rad: 0.0,
             size_m: Vector3::new(1.0, 1.0, 1.0),

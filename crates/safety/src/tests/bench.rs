@@ -42,6 +42,8 @@ pub struct Bench {
     pub flow_quality: f64,
     /// What all pixels of the depth camera show; without it there is none.
     pub depth_mm: Option<u16>,
+    /// Whether a second depth camera, which looks elsewhere, shows the same.
+    pub second_depth: bool,
     /// Whether it repeats one image.
     pub depth_stuck: bool,
     pub range: Range,
@@ -85,6 +87,7 @@ impl Bench {
             last_imu: None,
             flow_quality: 0.9,
             depth_mm: None,
+            second_depth: false,
             depth_stuck: false,
             range: Range::Works,
             spoil: Box::new(|_| {}),
@@ -235,14 +238,18 @@ impl Bench {
             self.batch.infrared.push(range);
         }
         if let Some(depth_mm) = self.depth_mm.filter(|_| self.step % 7 == 0) {
-            self.batch.depth.push(self.image(depth_mm));
+            self.batch.depth.push(self.image(0, depth_mm));
+            if self.second_depth {
+                self.batch.depth.push(self.image(1, depth_mm));
+            }
         }
     }
 
-    fn image(&self, depth_mm: u16) -> Arc<DepthImage> {
+    fn image(&self, sensor: u8, depth_mm: u16) -> Arc<DepthImage> {
         let camera = PinholeCamera::from_field_of_view(64, 48, 1.5, 1.0);
         Arc::new(DepthImage {
             time: self.now(),
+            sensor,
             camera,
             body_from_camera: Pose::identity(),
             depth_mm: self.pixels(depth_mm),

@@ -306,6 +306,15 @@ fn a_depth_camera_that_repeats_one_image_counts_as_lost() {
 }
 
 #[test]
+fn one_of_two_depth_cameras_is_missed_like_the_only_one() {
+    let mut bench = seeing();
+    bench.second_depth = true;
+    bench.expect_nothing(2.0);
+    bench.second_depth = false;
+    bench.expect(Violation::DepthLost, Fallback::Hold, 0.96, 1.04);
+}
+
+#[test]
 fn depth_is_not_missed_where_nothing_is_avoided_by_it() {
     let mut bench = Bench::flying();
     bench.depth_mm = Some(3000);

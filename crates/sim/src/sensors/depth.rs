@@ -169,6 +169,7 @@ impl StereoErrors {
 
 /// The simulated sensor.
 pub(super) struct Depth {
+    sensor: u8,
     camera: PinholeCamera,
     body_from_camera: Pose,
     renderer: DepthRenderer,
@@ -180,9 +181,15 @@ pub(super) struct Depth {
 }
 
 impl Depth {
-    pub(super) fn new(setup: &DepthSetup, flight_seed: u64) -> Self {
+    /// The camera with number `sensor` of a vehicle.
+    pub(super) fn new(setup: &DepthSetup, sensor: u8, flight_seed: u64) -> Self {
         let model = &setup.model;
+        let name = match sensor {
+            0 => "depth".to_owned(),
+            number => format!("depth-{number}"),
+        };
         Self {
+            sensor,
             camera: model.camera(),
             body_from_camera: setup.mount.body_from_sensor(),
             renderer: DepthRenderer::new(model.camera()),
@@ -192,9 +199,9 @@ impl Depth {
                 model.latency_s,
                 &model.failures,
                 flight_seed,
-                "depth",
+                &name,
             ),
-            noise: Noise::new(flight_seed, "depth"),
+            noise: Noise::new(flight_seed, &name),
             pool: Vec::new(),
         }
     }
@@ -230,6 +237,7 @@ impl Depth {
             Some(index) => self.pool.swap_remove(index),
             None => Arc::new(DepthImage {
                 time,
+                sensor: self.sensor,
                 camera: self.camera,
                 body_from_camera: self.body_from_camera,
                 depth_mm: vec![0; self.errors.disparity_px.len()],
@@ -330,7 +338,7 @@ mod tests {
             mount,
             model: DepthModel::default(),
         };
-        let mut depth = Depth::new(&setup, 1);
+        let mut depth = Depth::new(&setup, 0, 1);
         let first = depth.blank(Timestamp::ZERO);
         let address = Arc::as_ptr(&first);
         depth.pool.push(first.clone());

@@ -18,7 +18,7 @@ mod status;
 mod step;
 
 use alula_geometry::Timestamp;
-use alula_messages::{Looking, Mount, SensorBatch};
+use alula_messages::{Looking, MAX_DEPTH_CAMERAS, Mount, SensorBatch};
 use alula_parameters::{ParameterError, Parameters, parameters};
 
 use crate::Truth;
@@ -58,8 +58,11 @@ parameters! {
         pub sonar: Option<SonarSetup> = None, nested();
         /// Infrared ranger.
         pub infrared: Option<InfraredSetup> = None, nested();
-        /// Depth camera.
+        /// Depth camera that looks ahead.
         pub depth: Option<DepthSetup> = None, nested();
+        /// Further depth cameras, for a vehicle that also sees to its sides or behind; numbered
+        /// from 1.
+        pub more_depth: Vec<DepthSetup> = Vec::new(), few(MAX_DEPTH_CAMERAS - 1);
         /// Motion capture around the flight space.
         pub motion_capture: Option<MotionCaptureModel> = None, nested();
     }
@@ -85,6 +88,12 @@ impl SensorSuiteConfig {
             ..Self::default()
         }
     }
+
+    /// All depth cameras with their numbers.
+    pub fn depth_cameras(&self) -> impl Iterator<Item = (u8, &DepthSetup)> {
+        let ahead = self.depth.iter().map(|setup| (0, setup));
+        ahead.chain((1..).zip(&self.more_depth))
+    }
 }
 
 /// All sensors of one vehicle.
@@ -94,7 +103,7 @@ pub struct SensorSuite {
     flow: Option<Flow>,
     sonar: Option<Sonar>,
     infrared: Option<Infrared>,
-    depth: Option<Depth>,
+    depth: Vec<Depth>,
     motion_capture: Option<MotionCapture>,
 }
 
@@ -114,7 +123,7 @@ impl SensorSuite {
                 .infrared
                 .as_ref()
                 .map(|c| Infrared::new(c, flight_seed)),
-            depth: config.depth.as_ref().map(|c| Depth::new(c, flight_seed)),
+            depth: depth_cameras(config, flight_seed),
             motion_capture: config
                 .motion_capture
                 .as_ref()
@@ -142,7 +151,7 @@ impl SensorSuite {
         if let Some(infrared) = &mut self.infrared {
             infrared.advance(&step);
         }
-        if let Some(depth) = &mut self.depth {
+        for depth in &mut self.depth {
             depth.advance(&step);
         }
         if let Some(motion_capture) = &mut self.motion_capture {
@@ -164,13 +173,25 @@ impl SensorSuite {
         if let Some(infrared) = &mut self.infrared {
             infrared.deliver(now, &mut batch.infrared);
         }
-        if let Some(depth) = &mut self.depth {
+        for depth in &mut self.depth {
             depth.deliver(now, &mut batch.depth);
         }
+        // A stable sort would allocate.
+        batch
+            .depth
+            .sort_unstable_by_key(|image| (image.time, image.sensor));
         if let Some(motion_capture) = &mut self.motion_capture {
             motion_capture.deliver(now, &mut batch.poses);
         }
     }
+}
+
+/// The depth cameras of a vehicle, in the order of their numbers.
+fn depth_cameras(config: &SensorSuiteConfig, flight_seed: u64) -> Vec<Depth> {
+    config
+        .depth_cameras()
+        .map(|(sensor, setup)| Depth::new(setup, sensor, flight_seed))
+        .collect()
 }
 
 #[cfg(test)]

@@ -500,6 +500,38 @@ fn samples_are_taken_on_time_and_arrive_after_their_latency() {
 }
 
 #[test]
+fn further_depth_cameras_are_numbered_look_elsewhere_and_change_no_other() {
+    let alone = fly(&everything(), 5, 0.5, waving, MotorActivity::default());
+    let mut behind = everything().depth.unwrap();
+    behind.mount.roll_pitch_yaw_deg = [0.0, 0.0, 180.0];
+    let config = SensorSuiteConfig {
+        more_depth: vec![behind],
+        ..everything()
+    };
+    let both = fly(&config, 5, 0.5, waving, MotorActivity::default());
+    let of = |sensor| both.depth.iter().filter(move |i| i.sensor == sensor);
+    assert!(of(0).eq(&alone.depth));
+    assert_eq!(of(1).count(), alone.depth.len());
+    let axis = |sensor| of(sensor).next().unwrap().body_from_camera * Vector3::z();
+    assert!((axis(0) + axis(1)).norm() < 1e-12);
+    // At the same times, in the order of their numbers.
+    for pair in both.depth.chunks(2) {
+        assert_eq!((pair[0].sensor, pair[1].sensor), (0, 1));
+        assert_eq!(pair[0].time, pair[1].time);
+        assert_ne!(pair[0].depth_mm, pair[1].depth_mm);
+    }
+    let too_many = SensorSuiteConfig {
+        more_depth: vec![config.more_depth[0].clone(); 4],
+        ..config
+    };
+    let error = SensorSuite::new(&too_many, 1).err().unwrap();
+    assert_eq!(
+        error.to_string(),
+        "`more_depth` is a list of 4; allowed is at most 3"
+    );
+}
+
+#[test]
 fn the_same_seed_gives_the_same_bits_and_another_seed_others() {
     let motors = MotorActivity {
         armed: true,

@@ -5,8 +5,10 @@ use std::f64::consts::{PI, TAU};
 
 use alula_geometry::so3::wrap_angle;
 use alula_geometry::{Timestamp, so3};
-use alula_messages::{Footprint, NavState, Obstacle, ObstacleMotion, Sight};
-use nalgebra::Vector2;
+use alula_messages::{
+    DepthImage, Footprint, MAX_DEPTH_CAMERAS, NavState, Obstacle, ObstacleMotion, Sight,
+};
+use nalgebra::{Vector2, Vector3};
 
 use super::ConductConfig;
 
@@ -65,13 +67,43 @@ const TURN_COST: f64 = 0.2;
 /// and a radian away from the course, s.
 const ASIDE_COST: f64 = 0.1;
 
+/// Where a camera of the vehicle looks.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Eye {
+    /// Its heading less that of a level vehicle, rad.
+    offset_rad: f64,
+    /// Half its opening angle less its border, rad.
+    half_view_rad: f64,
+}
+
+impl Eye {
+    /// An eye with this heading less that of the vehicle and half its opening angle, rad.
+    pub fn new(offset_rad: f64, half_view_rad: f64) -> Self {
+        Self {
+            offset_rad,
+            half_view_rad: (half_view_rad - BORDER_RAD).max(BORDER_RAD),
+        }
+    }
+
+    /// The eye that took an image.
+    pub fn of(image: &DepthImage) -> Self {
+        let axis_body = image.body_from_camera.rotation * Vector3::z();
+        let half_width = 0.5 * f64::from(image.camera.width_px);
+        Self::new(
+            axis_body.y.atan2(axis_body.x),
+            (half_width / image.camera.fx_px).atan(),
+        )
+    }
+}
+
 /// When each direction was last looked at, and where to look next.
 #[derive(Clone, Debug)]
 pub(super) struct Glance {
     seen: [Option<Timestamp>; SECTORS],
     /// When somebody was last seen who moves.
     people: Option<Timestamp>,
-    half_view_rad: f64,
+    /// The cameras that images came from.
+    eyes: [Option<Eye>; MAX_DEPTH_CAMERAS],
     /// Heading that was chosen last, rad.
     aim: Option<f64>,
 }
@@ -81,22 +113,24 @@ impl Glance {
         Self {
             seen: [None; SECTORS],
             people: None,
-            half_view_rad: 0.0,
+            eyes: [None; MAX_DEPTH_CAMERAS],
             aim: None,
         }
     }
 
-    /// Takes an image in: the heading of its camera, half its opening angle (rad), and who is seen.
+    /// Takes an image of a camera in: where the camera looks on the vehicle, its heading (rad), and
+    /// who is seen.
     pub fn note(
         &mut self,
         time: Timestamp,
+        camera: usize,
+        eye: Eye,
         heading_rad: f64,
-        half_view_rad: f64,
         obstacles: &[Obstacle],
     ) {
-        self.half_view_rad = (half_view_rad - BORDER_RAD).max(BORDER_RAD);
+        self.eyes[camera] = Some(eye);
         for (sector, seen) in self.seen.iter_mut().enumerate() {
-            if wrap_angle(bearing(sector) - heading_rad).abs() < self.half_view_rad {
+            if wrap_angle(bearing(sector) - heading_rad).abs() < eye.half_view_rad {
                 *seen = Some(time);
             }
         }
@@ -205,7 +239,7 @@ impl Glance {
         let (course_rad, aside) = course(state, way_rad);
         let speed_m_s = mean_velocity(state, soon).norm();
         let aside = aside.unwrap_or(conduct.glance_deg.to_radians());
-        let reach = meeting_angle(speed_m_s, conduct.walker_m_s).min(aside + self.half_view_rad);
+        let reach = meeting_angle(speed_m_s, conduct.walker_m_s).min(aside + self.widest_rad());
         let places = std::array::from_fn(|sector| {
             let off = wrap_angle(bearing(sector) - course_rad).abs();
             let ahead = if off < WAY_RAD { WAY_WEIGHT } else { 1.0 };
@@ -218,22 +252,34 @@ impl Glance {
         Urgency { places, walkers }
     }
 
-    /// What a camera with this heading shows of what is urgent: all walkers, and the places most
-    /// urgent among them.
+    /// What the cameras of a vehicle with this heading show of what is urgent: all walkers, and the
+    /// most urgent place.
     fn shown(&self, urgency: &Urgency, heading_rad: f64) -> (f64, f64) {
-        let whole_rad = (self.half_view_rad - WHOLE_RAD).max(0.0);
         let mut people = 0.0;
         let mut place = 0.0_f64;
         for sector in 0..SECTORS {
-            let off = wrap_angle(bearing(sector) - heading_rad).abs();
-            if off < whole_rad {
+            let inside_rad = self.inside_rad(bearing(sector) - heading_rad);
+            if inside_rad > WHOLE_RAD {
                 people += urgency.walkers[sector];
             }
-            if off < self.half_view_rad {
+            if inside_rad > 0.0 {
                 place = place.max(urgency.places[sector]);
             }
         }
         (people, place)
+    }
+
+    /// How far within a view a direction is that is off the vehicle's heading by `off_rad`, rad.
+    fn inside_rad(&self, off_rad: f64) -> f64 {
+        let eyes = self.eyes.iter().flatten();
+        eyes.map(|eye| eye.half_view_rad - wrap_angle(off_rad - eye.offset_rad).abs())
+            .fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Half the opening angle of the widest view, rad.
+    fn widest_rad(&self) -> f64 {
+        let eyes = self.eyes.iter().flatten();
+        eyes.map(|eye| eye.half_view_rad).fold(0.0, f64::max)
     }
 }
 

@@ -6,6 +6,11 @@ use nalgebra::Vector3;
 /// Half of the view of the camera, rad.
 const HALF_VIEW_RAD: f64 = 0.75;
 
+/// The camera of the vehicle.
+fn eye_ahead() -> Eye {
+    Eye::new(0.0, HALF_VIEW_RAD)
+}
+
 /// Someone at a place with a velocity, seen at this time.
 fn walker(place: [f64; 2], velocity: [f64; 2], last_seen_s: f64) -> Obstacle {
     Obstacle {
@@ -40,7 +45,7 @@ fn looked_ahead() -> Glance {
     let somebody = [walker([9.0, 0.0], [1.2, 0.0], 0.0)];
     for step in 0..=50 {
         let time = Timestamp::from_s(0.1 * f64::from(step));
-        glance.note(time, 0.0, HALF_VIEW_RAD, &somebody);
+        glance.note(time, 0, eye_ahead(), 0.0, &somebody);
     }
     glance
 }
@@ -58,10 +63,26 @@ fn walkers_of(state: &NavState, way_rad: f64, known: &[Obstacle]) -> [f64; SECTO
 }
 
 #[test]
-fn where_nobody_is_the_vehicle_looks_ahead() {
+fn where_nobody_is_the_vehicle_looks_eye_ahead() {
     let mut glance = Glance::new();
-    glance.note(Timestamp::ZERO, 0.0, HALF_VIEW_RAD, &[]);
+    glance.note(Timestamp::ZERO, 0, eye_ahead(), 0.0, &[]);
     assert_eq!(heading(&mut glance, &flying(0.1, 0.2), &[]), None);
+}
+
+/// The eyes to the sides show him with less turning than the eye ahead alone would need.
+#[test]
+fn who_has_eyes_on_all_sides_turns_little_for_who_is_lost() {
+    let mut glance = looked_ahead();
+    for camera in 1..4 {
+        let offset_rad = camera as f64 * 0.25 * TAU;
+        let eye = Eye::new(offset_rad, HALF_VIEW_RAD);
+        glance.note(Timestamp::from_s(4.0), camera, eye, offset_rad, &[]);
+    }
+    let lost = walker([0.0, 1.5], [0.0, -0.5], 4.5);
+    let alone = heading(&mut looked_ahead(), &flying(5.0, 0.5), &[lost]).unwrap();
+    let together = heading(&mut glance, &flying(5.0, 0.5), &[lost]);
+    assert!(alone > 0.8, "{alone}");
+    assert!(together.is_none_or(|turn| turn.abs() < 0.6), "{together:?}");
 }
 
 #[test]
@@ -148,7 +169,7 @@ fn who_is_not_where_he_should_be_is_looked_for_beside() {
     assert_eq!(ahead[sector(0.46)], 0.0);
     assert!(ahead[sector(1.0)] > 0.0);
     // Once looked at, that is no place to look either.
-    glance.note(Timestamp::from_s(5.0), 1.2, HALF_VIEW_RAD, &[]);
+    glance.note(Timestamp::from_s(5.0), 0, eye_ahead(), 1.2, &[]);
     assert_eq!(urgency(&glance)[sector(1.0)], 0.0);
 }
 
@@ -178,14 +199,14 @@ fn of_two_lost_walkers_the_one_who_comes_near_is_looked_at_first() {
 }
 
 #[test]
-fn a_slow_vehicle_looks_round_and_a_fast_one_ahead() {
+fn a_slow_vehicle_looks_round_and_a_fast_one_eye_ahead() {
     let mut slow = looked_ahead();
     let mut turned = 0.0_f64;
     for step in 0..60 {
         let now_s = 5.0 + 0.1 * f64::from(step);
         let look = heading(&mut slow, &flying(now_s, 0.2), &[]).unwrap_or(0.0);
         let nobody = [];
-        slow.note(Timestamp::from_s(now_s), look, HALF_VIEW_RAD, &nobody);
+        slow.note(Timestamp::from_s(now_s), 0, eye_ahead(), look, &nobody);
         turned = turned.max(look.abs());
     }
     assert!(turned > 2.0, "{turned}");
@@ -206,8 +227,9 @@ fn no_direction_stays_unseen_for_two_turns_of_a_slow_vehicle() {
         }
         glance.note(
             now,
+            0,
+            eye_ahead(),
             yaw,
-            HALF_VIEW_RAD,
             &[walker([9.0, 0.0], [1.2, 0.0], 0.0)],
         );
         if step > 120 {

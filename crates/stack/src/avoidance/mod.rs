@@ -12,8 +12,8 @@ pub use config::{AvoidanceConfig, ConductConfig};
 
 use alula_geometry::{Timestamp, so3};
 use alula_messages::{
-    DepthImage, FlightMode, Hindrance, NavState, Obstacle, ObstacleMotion, PLAN_POINTS, Plan,
-    PlanExit, Reference, SensorBatch, Sight, StackOutput,
+    DepthImage, FlightMode, Hindrance, MAX_DEPTH_CAMERAS, NavState, Obstacle, ObstacleMotion,
+    PLAN_POINTS, Plan, PlanExit, Reference, SensorBatch, Sight, StackOutput,
 };
 use alula_parameters::{ParameterError, Parameters};
 use alula_perception::{Detector, RayEnd, SeenSpace, Tracker, View};
@@ -23,7 +23,7 @@ use alula_planning::mpc::{
 use alula_planning::route::{Route, RouteEnd, RoutePlanner};
 use nalgebra::Vector3;
 
-use glance::{Glance, nearest_approach};
+use glance::{Eye, Glance, nearest_approach};
 use headway::Headway;
 use poses::PastPoses;
 
@@ -59,6 +59,15 @@ enum Task {
     },
 }
 
+/// One depth camera.
+struct Camera {
+    detector: Detector,
+    /// Latest image that says something.
+    newest_image: Option<Timestamp>,
+    /// What the last image shows, to tell a camera that is stuck.
+    fingerprint: Option<u64>,
+}
+
 /// Who leads in the next step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Lead {
@@ -77,7 +86,6 @@ pub struct Avoidance {
     conduct: ConductConfig,
     radius_m: f64,
     max_depth_m: f64,
-    detector: Detector,
     tracker: Tracker,
     seen: SeenSpace,
     route: RoutePlanner,
@@ -88,9 +96,7 @@ pub struct Avoidance {
     /// Position and velocity at the last step.
     last: Option<(Timestamp, Vector3<f64>, Vector3<f64>)>,
     jump: Option<(Timestamp, f64)>,
-    newest_image: Option<Timestamp>,
-    /// What the last image shows, to tell a camera that is stuck.
-    fingerprint: Option<u64>,
+    cameras: [Camera; MAX_DEPTH_CAMERAS],
     view: Option<FieldOfView>,
     glance: Glance,
     planned: Option<Timestamp>,
@@ -113,11 +119,11 @@ impl Avoidance {
     pub fn new(config: &AvoidanceConfig) -> Result<Self, ParameterError> {
         config.validate()?;
         let under = |key: &'static str| move |e: ParameterError| e.under(key);
+        let detector = Detector::new(&config.detector).map_err(under("detector"))?;
         Ok(Self {
             conduct: config.conduct.clone(),
             radius_m: config.planner.radius_m,
             max_depth_m: config.detector.max_depth_m,
-            detector: Detector::new(&config.detector).map_err(under("detector"))?,
             tracker: Tracker::new(&config.tracker).map_err(under("tracker"))?,
             seen: SeenSpace::new(&config.seen).map_err(under("seen"))?,
             route: RoutePlanner::new(&config.route).map_err(under("route"))?,
@@ -128,8 +134,11 @@ impl Avoidance {
             headway: Headway::default(),
             last: None,
             jump: None,
-            newest_image: None,
-            fingerprint: None,
+            cameras: std::array::from_fn(|_| Camera {
+                detector: detector.clone(),
+                newest_image: None,
+                fingerprint: None,
+            }),
             view: None,
             glance: Glance::new(),
             planned: None,
@@ -141,9 +150,9 @@ impl Avoidance {
         })
     }
 
-    /// The detector, whose last U-depth map can be drawn.
+    /// The detector of the camera that looks ahead, whose last U-depth map can be drawn.
     pub fn detector(&self) -> &Detector {
-        &self.detector
+        &self.cameras[0].detector
     }
 
     /// Looks at the images of a batch with the state of the same step.
@@ -157,8 +166,11 @@ impl Avoidance {
         self.note_jump(&output.state);
         self.poses.push(&output.state);
         for image in &batch.depth {
+            let Some(camera) = self.cameras.get_mut(usize::from(image.sensor)) else {
+                continue;
+            };
             let fingerprint = image.fingerprint();
-            let is_stuck = self.fingerprint.replace(fingerprint) == Some(fingerprint);
+            let is_stuck = camera.fingerprint.replace(fingerprint) == Some(fingerprint);
             if !is_stuck {
                 self.look(image, output);
             }
@@ -193,29 +205,33 @@ impl Avoidance {
             orientation_covariance: past.tilt_covariance(),
             floor_height_m: Some(self.conduct.floor_height_m),
         };
-        output.detections.clear();
-        let found = self.detector.detect(image, &view);
+        let number = usize::from(image.sensor);
+        let camera = &mut self.cameras[number];
+        let found = camera.detector.detect(image, &view);
         output.detections.extend_from_slice(found);
-        let contour = self.detector.contour();
+        let found = &output.detections[output.detections.len() - found.len()..];
+        let contour = camera.detector.contour();
         let position = past.world_from_body.translation.vector;
-        let obstacles = self
-            .tracker
-            .update(image.time, &output.detections, contour, &position);
+        let obstacles = self.tracker.update(image.time, found, contour, &position);
         output.obstacles.clear();
         output.obstacles.extend_from_slice(obstacles);
         output.seen_at = Some(image.time);
         let known = contour.rays.iter().filter(|r| r.end != RayEnd::Unknown);
         if known.count() as f64 >= MIN_KNOWN_SHARE * contour.rays.len().max(1) as f64 {
-            self.newest_image = Some(image.time);
+            camera.newest_image = Some(image.time);
         }
         self.seen.update(contour);
         self.seen.mark_here(&position, OWN_SPACE_M, image.time);
         let world_from_camera = past.world_from_body * image.body_from_camera;
-        let half_view_rad = (0.5 * f64::from(image.camera.width_px) / image.camera.fx_px).atan();
         let axis = world_from_camera.rotation * Vector3::z();
         let heading_rad = axis.y.atan2(axis.x);
+        let eye = Eye::of(image);
         self.glance
-            .note(image.time, heading_rad, half_view_rad, obstacles);
+            .note(image.time, number, eye, heading_rad, obstacles);
+        if number != 0 {
+            return;
+        }
+        let half_view_rad = (0.5 * f64::from(image.camera.width_px) / image.camera.fx_px).atan();
         self.view = Some(FieldOfView::new(
             &world_from_camera,
             2.0 * half_view_rad,
@@ -374,10 +390,11 @@ impl Avoidance {
         failed.then_some(Hindrance::PlannerFailed)
     }
 
-    /// Age of the newest image, s, when it is too old.
+    /// Age of the newest image of the camera that has been silent longest, s, when it is too old.
     fn stale_s(&self, now: Timestamp) -> Option<f64> {
-        let age_s = self
-            .newest_image
+        let newest = self.cameras.iter().filter_map(|camera| camera.newest_image);
+        let age_s = newest
+            .min()
             .map_or(f64::INFINITY, |time| now.seconds_since(time));
         (age_s > self.conduct.depth_stale_s).then_some(age_s)
     }
