@@ -121,8 +121,13 @@ fn inner_corner(points: &[Point], hull: &[usize], config: &DetectorConfig) -> Op
         let length = along.norm();
         for place in edge[0] + 1..edge[1] {
             let behind_m = along.perp(&(points[place].at - from)) / length;
+            let least_m = CORNER_SHARE * config.bend_m;
+            // Most points lie too near the string even without noise, whose root takes time.
+            if behind_m <= most * least_m {
+                continue;
+            }
             let noise_m = NOISE_SIGMAS * points[place].surface.variance_m2.sqrt();
-            let share = behind_m / (CORNER_SHARE * config.bend_m + noise_m);
+            let share = behind_m / (least_m + noise_m);
             if share > most {
                 (most, deepest) = (share, Some(place));
             }
