@@ -3,6 +3,10 @@
 use alula_geometry::Timestamp;
 use nalgebra::Vector3;
 
+/// An image may be so much older than the last one of another camera, which arrives sooner, s; it is
+/// then taken for one of the same time.
+pub const MOST_LATE_S: f64 = 0.1;
+
 /// What ends the free view in one direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RayEnd {

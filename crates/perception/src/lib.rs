@@ -6,7 +6,7 @@ pub mod detect;
 mod seen;
 mod track;
 
-pub use contour::{Contour, Ray, RayEnd};
+pub use contour::{Contour, MOST_LATE_S, Ray, RayEnd};
 pub use detect::{DepthNoise, Detector, DetectorConfig, UDepth, View};
 pub use seen::{SeenSpace, SeenSpaceConfig};
 pub use track::{

@@ -6,7 +6,7 @@ use alula_geometry::Timestamp;
 use alula_parameters::{ParameterError, Parameters, parameters};
 use nalgebra::{Vector2, Vector3};
 
-use crate::{Contour, RayEnd};
+use crate::{Contour, MOST_LATE_S, RayEnd};
 
 parameters! {
     /// Parameters of [`SeenSpace`].
@@ -90,13 +90,13 @@ impl SeenSpace {
         })
     }
 
-    /// Takes in the free view of one image. An image older than the last one, or from nowhere,
-    /// changes nothing.
+    /// Takes in the free view of one image. An image older than the last one by more than
+    /// [`MOST_LATE_S`], or from nowhere, changes nothing.
     pub fn update(&mut self, contour: &Contour) {
-        if contour.time < self.now || !is_place(&contour.camera_world) {
+        if self.is_late(contour.time) || !is_place(&contour.camera_world) {
             return;
         }
-        self.now = contour.time;
+        self.now = self.now.max(contour.time);
         self.centre_on(&contour.camera_world);
         self.mark_free(contour);
         self.mark_hits(contour);
@@ -105,10 +105,10 @@ impl SeenSpace {
     /// Marks as free the cells whose centre lies within `radius_m` of a place where the vehicle
     /// is, and the cell in which it is.
     pub fn mark_here(&mut self, position_world: &Vector3<f64>, radius_m: f64, time: Timestamp) {
-        if time < self.now || !is_place(position_world) || radius_m.is_nan() {
+        if self.is_late(time) || !is_place(position_world) || radius_m.is_nan() {
             return;
         }
-        self.now = time;
+        self.now = self.now.max(time);
         self.centre_on(position_world);
         let here = self.in_cells(position_world);
         let own = [here.x.floor() as i64, here.y.floor() as i64];
@@ -119,12 +119,16 @@ impl SeenSpace {
                 let centre = Vector2::new(x as f64 + 0.5, y as f64 + 0.5);
                 if [x, y] == own || (centre - here).norm() <= radius {
                     self.set([x, y], |cell| {
-                        cell.free = time.as_ns();
+                        cell.free = cell.free.max(time.as_ns());
                         cell.occupied = NEVER;
                     });
                 }
             }
         }
+    }
+
+    fn is_late(&self, time: Timestamp) -> bool {
+        self.now != Timestamp::from_ns(NEVER) && time.seconds_since(self.now) < -MOST_LATE_S
     }
 
     /// Whether the cell of a point was seen to be free lately. Height is left out of account.
@@ -153,7 +157,7 @@ impl SeenSpace {
             let range = (end - start).norm();
             let _: ControlFlow<()> = cells_between(start, end, |index, _, exit| {
                 if exit <= range {
-                    self.set(index, |cell| cell.free = time);
+                    self.set(index, |cell| cell.free = cell.free.max(time));
                 }
                 ControlFlow::Continue(())
             });
@@ -169,7 +173,8 @@ impl SeenSpace {
             if range >= 0.0 && range <= reach && ray.heading_rad.is_finite() {
                 let hit = start + direction(ray.heading_rad) * range;
                 let index = [hit.x.floor() as i64, hit.y.floor() as i64];
-                self.set(index, |cell| cell.occupied = contour.time.as_ns());
+                let time = contour.time.as_ns();
+                self.set(index, |cell| cell.occupied = cell.occupied.max(time));
             }
         }
     }

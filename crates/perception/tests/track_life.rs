@@ -286,6 +286,21 @@ fn who_walks_from_one_camera_into_the_next_is_one_and_seen() {
     }
 }
 
+/// The images of the second camera arrive when the next ones of the first have been looked at.
+#[test]
+fn a_camera_that_answers_later_is_heard_until_a_tenth_of_a_second() {
+    for (late, is_heard) in [(1, true), (2, true), (4, false)] {
+        let mut pair = Pair::new(5);
+        for image in 10..40 {
+            pair.see(image, &[0], &[cylinder(0.3, 2.5)]);
+            pair.see(image - late, &[1], &[cylinder(0.3, 2.5)]);
+        }
+        let known = pair.tracker.obstacles();
+        let is_seen = known.first().is_some_and(|o| o.sight == Sight::Seen);
+        assert_eq!(is_seen, is_heard, "{late} images late: {known:?}");
+    }
+}
+
 #[test]
 fn a_pillar_beside_is_not_missed_by_the_camera_ahead() {
     let mut pair = Pair::new(3);

@@ -18,7 +18,7 @@ use alula_messages::{Detection, Footprint, MAX_DEPTH_CAMERAS, Obstacle, Obstacle
 use alula_parameters::{ParameterError, Parameters};
 use nalgebra::Vector3;
 
-use crate::Contour;
+use crate::{Contour, MOST_LATE_S};
 use associate::{Associator, Seen};
 pub use config::{FlatConfig, MotionTestConfig, TrackLifeConfig, TrackModelConfig, TrackerConfig};
 use faces::FACES;
@@ -93,8 +93,8 @@ impl Tracker {
 
     /// Takes in one image: its detections, its contour, and where the vehicle was.
     ///
-    /// An image that is earlier than the last one, or not later than the last one of its camera,
-    /// changes nothing. Detections that are not finite are left out. Returns
+    /// An image that is not later than the last one of its camera, or earlier than the last one of
+    /// all by more than [`MOST_LATE_S`], changes nothing. Detections that are not finite are left out. Returns
     /// [`Self::obstacles`].
     pub fn update(
         &mut self,
@@ -106,12 +106,14 @@ impl Tracker {
         let Some(image) = self.images.get_mut(usize::from(contour.sensor)) else {
             return &self.obstacles;
         };
-        if self.time.is_some_and(|last| time < last) || image.is_some_and(|last| time <= last) {
+        let since_s = |last: Option<Timestamp>| last.map_or(0.0, |last| time.seconds_since(last));
+        if since_s(self.time) < -MOST_LATE_S || image.is_some_and(|last| time <= last) {
             return &self.obstacles;
         }
-        let since_s = |last: Option<Timestamp>| last.map_or(0.0, |last| time.seconds_since(last));
         let image_s = since_s(image.replace(time));
-        let step_s = since_s(self.time.replace(time));
+        let step_s = since_s(self.time).max(0.0);
+        let time = self.time.map_or(time, |last| last.max(time));
+        self.time = Some(time);
         self.predict(step_s);
         self.take(detections, contour, vehicle_world);
         self.associator.run(
@@ -122,7 +124,7 @@ impl Tracker {
             &mut self.seen,
         );
         self.correct(time, contour.sensor, image_s);
-        self.judge_unseen(contour, image_s);
+        self.judge_unseen(time, contour, image_s);
         self.forget(time, vehicle_world);
         self.recognise(time);
         self.start_new(time, contour.sensor, vehicle_world);
@@ -226,7 +228,7 @@ impl Tracker {
     }
 
     /// Says of every track without detection why it has none.
-    fn judge_unseen(&mut self, contour: &Contour, image_s: f64) {
+    fn judge_unseen(&mut self, time: Timestamp, contour: &Contour, image_s: f64) {
         let life = &self.config.life;
         let doubt = if life.doubtful_s > 0.0 {
             life.ghost_s / life.doubtful_s
@@ -236,7 +238,7 @@ impl Tracker {
         let associator = &self.associator;
         let shows_others = self
             .images
-            .map(|image| image.is_some_and(|image| contour.time.seconds_since(image) <= SILENT_S));
+            .map(|image| image.is_some_and(|image| time.seconds_since(image) <= SILENT_S));
         for (index, track) in self.tracks.iter_mut().enumerate() {
             if associator.is_matched(index) {
                 continue;
