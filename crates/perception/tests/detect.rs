@@ -207,7 +207,6 @@ fn people_side_by_side_are_two() {
     }
 }
 
-/// Whether a place, seen from above, lies in a box.
 /// Two who walk abreast, nearer to each other than their own width: their fronts meet in an inner
 /// corner, and together they are wider than a compact thing.
 #[test]
@@ -249,6 +248,7 @@ fn people_abreast_are_not_a_wall() {
     }
 }
 
+/// Whether a place, seen from above, lies in a box.
 fn covers(found: &Detection, place: &Vector2<f64>) -> bool {
     let (sine, cosine) = found.yaw_rad.sin_cos();
     let d = place - found.centre_world.xy();

@@ -19,9 +19,6 @@ use super::{DetectorConfig, empty};
 /// may see both.
 const FLOOR_PIXELS: f64 = 2.0;
 
-/// A front between inner corners that is narrower than this, m, is part of what it touches.
-const LEAST_FRONT_M: f64 = 0.25;
-
 /// Makes boxes of chains.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Boxes {
@@ -104,11 +101,8 @@ impl Boxes {
         let Some(line) = Line::fit(points, config.roughness_m) else {
             return;
         };
-        let (length_m, depth_m) = shape::extent_m(&line, points);
-        let is_compact = length_m <= config.max_box_m && depth_m <= config.max_box_m;
-        let front = is_compact.then(|| shape::front(&line, points, config));
-        match front {
-            Some(Front::Round) => {
+        match shape::front(&line, points, config) {
+            Some(Front::Narrow | Front::Round) => {
                 let ends = ends(points);
                 if let Some(shape) = shape::round(points, ends, level, config) {
                     out.extend(detection(&shape, points, level, config));
@@ -132,11 +126,7 @@ impl Boxes {
         let mut done = 0;
         for front in 0..splitter.fronts.len() {
             let range = splitter.fronts[front].clone();
-            let is_all = range.len() == points.len();
-            let Some(round) = (!is_all)
-                .then(|| round_front(points, &range, level, config))
-                .flatten()
-            else {
+            let Some(round) = round_front(points, &range, level, config) else {
                 continue;
             };
             box_walls(points, done..range.start, splitter, level, config, out);
@@ -156,10 +146,8 @@ fn round_front(
 ) -> Option<Detection> {
     let part = &points[range.clone()];
     let line = Line::fit(part, config.roughness_m)?;
-    let (length_m, depth_m) = shape::extent_m(&line, part);
-    let is_compact = length_m <= config.max_box_m && depth_m <= config.max_box_m;
-    if !is_compact || length_m < LEAST_FRONT_M || shape::front(&line, part, config) != Front::Round
-    {
+    // A narrow front is part of what it touches.
+    if shape::front(&line, part, config) != Some(Front::Round) {
         return None;
     }
     // It may go on behind what it touches, as behind the border of the image.

@@ -41,6 +41,8 @@ pub(super) struct Shape {
 /// How the points of a compact thing lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Front {
+    /// Too narrow to be told flat from round.
+    Narrow,
     Round,
     Flat,
     /// An inner corner, or more than one surface.
@@ -48,7 +50,7 @@ pub(super) enum Front {
 }
 
 /// Length and depth, m, of the smallest upright rectangle around points along their main axis.
-pub(super) fn extent_m(line: &Line, points: &[Point]) -> (f64, f64) {
+fn extent_m(line: &Line, points: &[Point]) -> (f64, f64) {
     let (low, high) = line.range(points);
     let behind = points.iter().map(|point| line.behind(point));
     let (near, far) = behind.fold((f64::INFINITY, f64::NEG_INFINITY), |(near, far), b| {
@@ -57,20 +59,24 @@ pub(super) fn extent_m(line: &Line, points: &[Point]) -> (f64, f64) {
     (high - low, far - near)
 }
 
-pub(super) fn front(line: &Line, points: &[Point], config: &DetectorConfig) -> Front {
-    let (length_m, _) = extent_m(line, points);
+/// The front of a compact thing; `None` for what is too long or too deep for one.
+pub(super) fn front(line: &Line, points: &[Point], config: &DetectorConfig) -> Option<Front> {
+    let (length_m, depth_m) = extent_m(line, points);
+    if length_m > config.max_box_m || depth_m > config.max_box_m {
+        return None;
+    }
     if length_m < NARROW_M {
-        return Front::Round;
+        return Some(Front::Narrow);
     }
     let least_m = config.round_share * length_m;
     let sagitta_m = line.sagitta_m(points);
-    if sagitta_m < -least_m {
+    Some(if sagitta_m < -least_m {
         Front::Hollow
     } else if sagitta_m < least_m && line.excess_m2 < 0.25 * config.bend_m * config.bend_m {
         Front::Flat
     } else {
         Front::Round
-    }
+    })
 }
 
 /// Variance of where a thing ends between two columns or rows `pitch_m` apart: the last one that

@@ -18,7 +18,8 @@ pub(super) struct Splitter {
     open: Vec<Range<usize>>,
     /// Points on the hull of a front.
     hull: Vec<usize>,
-    /// Parts of the last contour between its inner corners, from left to right.
+    /// Parts of the last contour between its inner corners, from left to right; none without a
+    /// corner.
     pub fronts: Vec<Range<usize>>,
     /// Straight parts of the last contour, from left to right.
     pub parts: Vec<Range<usize>>,
@@ -46,7 +47,8 @@ impl Splitter {
                     self.open.push(at..range.end);
                     self.open.push(range.start..at);
                 }
-                None => self.fronts.push(range),
+                None if range.len() < points.len() => self.fronts.push(range),
+                None => {}
             }
         }
     }

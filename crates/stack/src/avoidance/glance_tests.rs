@@ -63,7 +63,7 @@ fn walkers_of(state: &NavState, way_rad: f64, known: &[Obstacle]) -> [f64; SECTO
 }
 
 #[test]
-fn where_nobody_is_the_vehicle_looks_eye_ahead() {
+fn where_nobody_is_the_vehicle_looks_ahead() {
     let mut glance = Glance::new();
     glance.note(Timestamp::ZERO, 0, eye_ahead(), 0.0, &[]);
     assert_eq!(heading(&mut glance, &flying(0.1, 0.2), &[]), None);
@@ -199,7 +199,7 @@ fn of_two_lost_walkers_the_one_who_comes_near_is_looked_at_first() {
 }
 
 #[test]
-fn a_slow_vehicle_looks_round_and_a_fast_one_eye_ahead() {
+fn a_slow_vehicle_looks_round_and_a_fast_one_ahead() {
     let mut slow = looked_ahead();
     let mut turned = 0.0_f64;
     for step in 0..60 {
