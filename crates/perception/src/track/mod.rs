@@ -103,11 +103,12 @@ impl Tracker {
         contour: &Contour,
         vehicle_world: &Vector3<f64>,
     ) -> &[Obstacle] {
+        let is_too_late = self.is_too_late(time);
         let Some(image) = self.images.get_mut(usize::from(contour.sensor)) else {
             return &self.obstacles;
         };
         let since_s = |last: Option<Timestamp>| last.map_or(0.0, |last| time.seconds_since(last));
-        if since_s(self.time) < -MOST_LATE_S || image.is_some_and(|last| time <= last) {
+        if is_too_late || image.is_some_and(|last| time <= last) {
             return &self.obstacles;
         }
         let image_s = since_s(image.replace(time));
@@ -136,6 +137,13 @@ impl Tracker {
     /// were seen once are among them, with velocity zero and its bounded variance.
     pub fn obstacles(&self) -> &[Obstacle] {
         &self.obstacles
+    }
+
+    /// Whether an image of this time is older than the last one of all by more than
+    /// [`MOST_LATE_S`].
+    pub fn is_too_late(&self, time: Timestamp) -> bool {
+        self.time
+            .is_some_and(|last| time.seconds_since(last) < -MOST_LATE_S)
     }
 
     /// Moves all tracks along with an estimate of position that jumped, m.

@@ -16,7 +16,7 @@ use alula_messages::{
     PLAN_POINTS, Plan, PlanExit, Reference, SensorBatch, Sight, StackOutput,
 };
 use alula_parameters::{ParameterError, Parameters};
-use alula_perception::{Detector, MOST_LATE_S, RayEnd, SeenSpace, Tracker, View};
+use alula_perception::{Detector, RayEnd, SeenSpace, Tracker, View};
 use alula_planning::mpc::{
     Arrival, FieldOfView, PlanRequest, PredictivePlanner, YawTarget, reference_at,
 };
@@ -97,8 +97,6 @@ pub struct Avoidance {
     last: Option<(Timestamp, Vector3<f64>, Vector3<f64>)>,
     jump: Option<(Timestamp, f64)>,
     cameras: [Camera; MAX_DEPTH_CAMERAS],
-    /// Exposure of the latest image that was looked at.
-    looked: Option<Timestamp>,
     view: Option<FieldOfView>,
     glance: Glance,
     planned: Option<Timestamp>,
@@ -132,7 +130,6 @@ impl Avoidance {
             planner: PredictivePlanner::new(&config.planner, &config.vehicle)
                 .map_err(under("planner"))?,
             poses: PastPoses::new(),
-            looked: None,
             task: Task::None,
             headway: Headway::default(),
             last: None,
@@ -174,9 +171,7 @@ impl Avoidance {
             };
             let fingerprint = image.fingerprint();
             let is_stuck = camera.fingerprint.replace(fingerprint) == Some(fingerprint);
-            let last = self.looked.unwrap_or(image.time);
-            if !is_stuck && image.time.seconds_since(last) >= -MOST_LATE_S {
-                self.looked = Some(last.max(image.time));
+            if !is_stuck && !self.tracker.is_too_late(image.time) {
                 self.look(image, output);
             }
         }
