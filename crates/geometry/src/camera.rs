@@ -40,6 +40,12 @@ impl PinholeCamera {
         }
     }
 
+    /// Full opening angles of a centred image, horizontal and vertical, rad.
+    pub fn field_of_view_rad(&self) -> [f64; 2] {
+        [(self.width_px, self.fx_px), (self.height_px, self.fy_px)]
+            .map(|(pixels, focal_px)| 2.0 * (0.5 * f64::from(pixels) / focal_px).atan())
+    }
+
     /// Pixel of a point in the optical frame (m); `None` behind or in the plane of the camera.
     pub fn project(&self, point_camera: &Point3<f64>) -> Option<Point2<f64>> {
         (point_camera.z > 0.0).then(|| {
@@ -117,6 +123,13 @@ mod tests {
                 prop_assert!((column - jacobian.column(k)).norm() < 1e-4);
             }
         }
+    }
+
+    #[test]
+    fn the_field_of_view_is_that_of_construction() {
+        let camera = PinholeCamera::from_field_of_view(424, 240, 1.5, 1.0);
+        let [horizontal, vertical] = camera.field_of_view_rad();
+        assert!((horizontal - 1.5).abs() < 1e-12 && (vertical - 1.0).abs() < 1e-12);
     }
 
     #[test]

@@ -88,11 +88,8 @@ impl Eye {
     /// The eye that took an image.
     pub fn of(image: &DepthImage) -> Self {
         let axis_body = image.body_from_camera.rotation * Vector3::z();
-        let half_width = 0.5 * f64::from(image.camera.width_px);
-        Self::new(
-            axis_body.y.atan2(axis_body.x),
-            (half_width / image.camera.fx_px).atan(),
-        )
+        let [horizontal_rad, _] = image.camera.field_of_view_rad();
+        Self::new(axis_body.y.atan2(axis_body.x), 0.5 * horizontal_rad)
     }
 }
 

@@ -231,11 +231,11 @@ impl Avoidance {
         if number != 0 {
             return;
         }
-        let half_view_rad = (0.5 * f64::from(image.camera.width_px) / image.camera.fx_px).atan();
+        let [horizontal_rad, vertical_rad] = image.camera.field_of_view_rad();
         self.view = Some(FieldOfView::new(
             &world_from_camera,
-            2.0 * half_view_rad,
-            2.0 * (0.5 * f64::from(image.camera.height_px) / image.camera.fy_px).atan(),
+            horizontal_rad,
+            vertical_rad,
             self.max_depth_m,
             self.conduct.view_setback_m,
         ));
