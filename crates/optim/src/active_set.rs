@@ -6,7 +6,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::factor::ActiveFactor;
+use crate::factor::{ActiveFactor, ROUNDING};
 use crate::{Exit, LinearRows, QuadraticProgram};
 
 /// Settings of the solver.
@@ -14,7 +14,7 @@ use crate::{Exit, LinearRows, QuadraticProgram};
 pub struct ActiveSetSettings {
     /// Greatest number of constraints that are added or dropped.
     pub max_iterations: usize,
-    /// Violation that counts as none, relative to `1 + |bound|` after the row is scaled to norm 1.
+    /// Violation that counts as none, relative to `|row| + |bound|`.
     pub feasibility_tolerance: f64,
 }
 
@@ -49,6 +49,8 @@ struct Active {
     source: Source,
     sign: f64,
     multiplier: f64,
+    /// `|row| + |bound|`, to which its violation is compared.
+    scale: f64,
 }
 
 /// Solver with its workspace; memory is kept from solve to solve.
@@ -58,6 +60,8 @@ pub struct ActiveSetSolver {
     factor: ActiveFactor,
     x: DVector<f64>,
     active: Vec<Active>,
+    /// Inequalities that the active constraints imply up to rounding.
+    implied: Vec<usize>,
     normal: DVector<f64>,
     primal_step: DVector<f64>,
     dual_step: DVector<f64>,
@@ -68,7 +72,7 @@ pub struct ActiveSetSolver {
 /// What became of an attempt to make one constraint active.
 enum Attempt {
     Active,
-    /// Linearly dependent on equalities that already imply it.
+    /// Linearly dependent on active constraints that already imply it.
     Redundant,
     Impossible,
     OutOfIterations,
@@ -82,6 +86,7 @@ impl ActiveSetSolver {
             factor: ActiveFactor::new(),
             x: DVector::zeros(0),
             active: Vec::new(),
+            implied: Vec::new(),
             normal: DVector::zeros(0),
             primal_step: DVector::zeros(0),
             dual_step: DVector::zeros(0),
@@ -172,6 +177,7 @@ impl ActiveSetSolver {
     ) -> Report {
         self.factor.reset();
         self.active.clear();
+        self.implied.clear();
         self.x = self.factor.minimiser(gradient);
         let mut left = self.settings.max_iterations;
         let exit = self
@@ -225,7 +231,13 @@ impl ActiveSetSolver {
             Source::Inequality(_) => inequality,
         };
         match self.activate(source, rows, left) {
-            Attempt::Active | Attempt::Redundant => Ok(()),
+            Attempt::Active => Ok(()),
+            Attempt::Redundant => {
+                if let Source::Inequality(row) = source {
+                    self.implied.push(row);
+                }
+                Ok(())
+            }
             Attempt::Impossible => Err(Exit::Infeasible {
                 violation: self.violation(source, rows),
             }),
@@ -241,6 +253,7 @@ impl ActiveSetSolver {
         self.normal.tr_copy_from(&rows.matrix.row(row));
         self.normal *= sign;
         let bound = sign * rows.bound[row];
+        let scale = scale(self.normal.norm(), bound);
         let mut multiplier = 0.0;
         loop {
             if *left == 0 {
@@ -251,12 +264,14 @@ impl ActiveSetSolver {
                 self.factor
                     .directions(&self.normal, &mut self.primal_step, &mut self.dual_step);
             let slack = self.normal.dot(&self.x) - bound;
+            // After a partial step the normal is independent, and its multiplier must not be lost.
+            if curvature == 0.0 && multiplier == 0.0 && self.is_implied(slack, scale) {
+                return Attempt::Redundant;
+            }
             let blocking = self.blocking();
             let dual_limit = blocking.map_or(f64::INFINITY, |(_, step)| step);
             let full = if curvature > 0.0 {
                 -slack / curvature
-            } else if matches!(source, Source::Equality(_)) && self.is_met(slack, bound) {
-                return Attempt::Redundant;
             } else {
                 f64::INFINITY
             };
@@ -277,12 +292,14 @@ impl ActiveSetSolver {
                     source,
                     sign,
                     multiplier,
+                    scale,
                 });
                 return Attempt::Active;
             }
             if let Some((place, _)) = blocking {
                 self.factor.drop(place);
                 self.active.remove(place);
+                self.implied.clear();
             }
         }
     }
@@ -313,9 +330,13 @@ impl ActiveSetSolver {
         first
     }
 
-    fn is_met(&self, slack: f64, bound: f64) -> bool {
-        let norm = self.normal.norm();
-        slack.abs() <= self.settings.feasibility_tolerance * (norm + bound.abs()).max(1e-300)
+    /// Whether a constraint whose normal is a sum of active ones holds: its slack is the same sum of
+    /// theirs, which are zero up to rounding.
+    fn is_implied(&self, slack: f64, scale: f64) -> bool {
+        let rates = self.dual_step.iter();
+        let of_active = |(active, rate): (&Active, &f64)| rate.abs() * active.scale;
+        let reach: f64 = self.active.iter().zip(rates).map(of_active).sum();
+        slack.abs() <= self.settings.feasibility_tolerance * scale + ROUNDING * reach
     }
 
     /// The inequality with the greatest violation that is not active yet.
@@ -323,11 +344,10 @@ impl ActiveSetSolver {
         let mut worst = None;
         let mut most = self.settings.feasibility_tolerance;
         for row in 0..inequality.len() {
-            let norm = inequality.matrix.row(row).norm();
             let bound = inequality.bound[row];
-            let scale = (norm + bound.abs()).max(1e-300);
+            let scale = scale(inequality.matrix.row(row).norm(), bound);
             let violation = (row_dot(&inequality.matrix, row, &self.x) - bound) / scale;
-            if violation > most && !self.is_active(Source::Inequality(row)) {
+            if violation > most && !self.is_held(row) {
                 most = violation;
                 worst = Some(row);
             }
@@ -335,8 +355,10 @@ impl ActiveSetSolver {
         worst
     }
 
-    fn is_active(&self, source: Source) -> bool {
-        self.active.iter().any(|active| active.source == source)
+    /// Whether an inequality is active, or implied by those that are.
+    fn is_held(&self, row: usize) -> bool {
+        let source = Source::Inequality(row);
+        self.active.iter().any(|active| active.source == source) || self.implied.contains(&row)
     }
 
     /// Violation divided by the norm of the row.
@@ -379,6 +401,11 @@ impl ActiveSetSolver {
             }
         }
     }
+}
+
+/// What a violation is compared to: the length of the row and of what it is set against.
+fn scale(norm: f64, bound: f64) -> f64 {
+    (norm + bound.abs()).max(1e-300)
 }
 
 fn row_dot(matrix: &DMatrix<f64>, row: usize, x: &DVector<f64>) -> f64 {

@@ -3,6 +3,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
+/// Relative rounding of a normal, and with it of what remains of it outside a span: above the
+/// spacing of `f64` by what products and rotations of 100 variables add.
+pub(crate) const ROUNDING: f64 = 1e-12;
+
 #[derive(Clone, Debug)]
 pub(crate) struct ActiveFactor {
     /// `J` without active constraints: `L^-T D`, with `D G D = L L^T` and `D` the scaling that
@@ -83,12 +87,18 @@ impl ActiveFactor {
             z.axpy(self.d[k], &self.j.column(k), 1.0);
         }
         let free = self.d.rows_range(q..).norm_squared();
-        // Below the rounding of J^T n the normal lies in the span of the active ones.
-        if free > 1e-20 * self.d.norm_squared() {
+        if free.sqrt() > ROUNDING * self.reach(r) {
             free
         } else {
             0.0
         }
+    }
+
+    /// Length of the terms that must cancel where the normal at hand depends on the active ones:
+    /// `|J^T n| + sum |r_i| |J^T n_i|`. What remains outside the span is known to its rounding only.
+    fn reach(&self, r: &DVector<f64>) -> f64 {
+        let of_active = |i: usize| r[i].abs() * self.r.view((0, i), (i + 1, 1)).norm();
+        self.d.norm() + (0..self.active).map(of_active).sum::<f64>()
     }
 
     /// Adds the constraint whose normal was last given to [`Self::directions`].

@@ -3,6 +3,8 @@
 // Helpers of tests may unwrap as tests may.
 #![allow(clippy::unwrap_used)]
 
+mod ocp_support;
+
 use alula_optim::{
     ActiveSetSettings, ActiveSetSolver, Exit, KktResidual, LinearRows, QuadraticProgram,
     solve_equality,
@@ -12,22 +14,30 @@ use clarabel::solver::{
     DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SupportedConeT, ZeroConeT,
 };
 use nalgebra::{DMatrix, DVector};
+use ocp_support::Numbers;
 use proptest::prelude::*;
 
-/// A program with a feasible point, from numbers in -1..1.
-fn program(n: usize, equalities: usize, inequalities: usize, seed: &[f64]) -> QuadraticProgram {
-    let mut numbers = seed.iter().copied().cycle().enumerate().map(|(i, s)| {
-        // A fixed irrational stride keeps repeated numbers from making rows dependent.
-        (s * 7.0 + i as f64 * std::f64::consts::SQRT_2).sin()
-    });
-    let mut matrix = |rows: usize, columns: usize| {
-        DMatrix::from_fn(rows, columns, |_, _| numbers.next().unwrap_or(0.0))
-    };
+/// A program with a feasible point. The equalities have rank `rank` at most.
+fn program_of_rank(
+    rank: usize,
+    n: usize,
+    equalities: usize,
+    inequalities: usize,
+    seed: u64,
+) -> QuadraticProgram {
+    let mut numbers = Numbers(seed);
+    let mut matrix =
+        |rows: usize, columns: usize| DMatrix::from_fn(rows, columns, |_, _| numbers.signed());
     let root = matrix(n, n);
     let hessian = &root * root.transpose() + DMatrix::identity(n, n) * 0.1;
     let gradient = matrix(n, 1).column(0) * 5.0;
     let inside = matrix(n, 1).column(0).into_owned();
-    let (a, c) = (matrix(equalities, n), matrix(inequalities, n));
+    let mut a = matrix(equalities, n);
+    if rank < equalities {
+        let combined = matrix(equalities - rank, rank) * a.rows(0, rank);
+        a.rows_mut(rank, equalities - rank).copy_from(&combined);
+    }
+    let c = matrix(inequalities, n);
     let room = matrix(inequalities, 1).column(0).map(|r| r.max(0.0));
     QuadraticProgram {
         hessian,
@@ -41,6 +51,11 @@ fn program(n: usize, equalities: usize, inequalities: usize, seed: &[f64]) -> Qu
             matrix: c,
         },
     }
+}
+
+/// A program with a feasible point and independent rows.
+fn program(n: usize, equalities: usize, inequalities: usize, seed: u64) -> QuadraticProgram {
+    program_of_rank(equalities, n, equalities, inequalities, seed)
 }
 
 fn solver() -> ActiveSetSolver {
@@ -96,9 +111,9 @@ proptest! {
         n in 1_usize..25,
         share in 0.0..0.8_f64,
         inequalities in 0_usize..60,
-        seed in proptest::collection::vec(-1.0..1.0_f64, 40),
+        seed: u64,
     ) {
-        let program = program(n, (n as f64 * share) as usize, inequalities, &seed);
+        let program = program(n, (n as f64 * share) as usize, inequalities, seed);
         let mut solver = solver();
         prop_assert_eq!(solver.solve(&program).exit, Exit::Converged);
         // Condition numbers reach 1e4, multipliers 1e4: rounding of 1e-16 grows to 1e-8.
@@ -106,12 +121,32 @@ proptest! {
         prop_assert!(residual.max() < 1e-7, "{:?}", residual);
     }
 
+    /// Rows that depend on others do so up to their rounding only. Taken for independent, they
+    /// get multipliers as large as that rounding is small.
+    #[test]
+    fn dependent_equalities_are_left_out(
+        n in 2_usize..25,
+        inequalities in 0_usize..20,
+        shares in (0.1..1.0_f64, 0.0..1.0_f64),
+        seed: u64,
+    ) {
+        let equalities = (n as f64 * shares.0) as usize;
+        let rank = (equalities as f64 * shares.1) as usize;
+        let program = program_of_rank(rank, n, equalities, inequalities, seed);
+        let mut solver = solver();
+        prop_assert_eq!(solver.solve(&program).exit, Exit::Converged);
+        let residual = residual(&solver, &program);
+        prop_assert!(residual.max() < 1e-7, "{:?}", residual);
+        let held = solver.equality_multipliers().iter().filter(|y| **y != 0.0).count();
+        prop_assert!(held <= rank, "{} of rank {}", held, rank);
+    }
+
     #[test]
     fn equalities_alone_agree_with_the_linear_solve(
         n in 2_usize..20,
-        seed in proptest::collection::vec(-1.0..1.0_f64, 40),
+        seed: u64,
     ) {
-        let program = program(n, n / 2, 0, &seed);
+        let program = program(n, n / 2, 0, seed);
         let mut solver = solver();
         prop_assert_eq!(solver.solve(&program).exit, Exit::Converged);
         let direct = solve_equality(&program.hessian, &program.gradient, &program.equality).unwrap();
@@ -125,10 +160,7 @@ proptest! {
 fn the_solution_agrees_with_an_interior_point_solver() {
     for case in 0..60_usize {
         let n = 2 + case % 30;
-        let seed: Vec<f64> = (0..37)
-            .map(|i| ((case * 37 + i) as f64 * 0.7).sin())
-            .collect();
-        let program = program(n, n / 4, 2 * n, &seed);
+        let program = program(n, n / 4, 2 * n, case as u64);
         let mut solver = solver();
         assert_eq!(solver.solve(&program).exit, Exit::Converged);
         let difference = (solver.x() - by_clarabel(&program)).amax();
@@ -138,8 +170,7 @@ fn the_solution_agrees_with_an_interior_point_solver() {
 
 #[test]
 fn a_program_of_150_variables_is_solved() {
-    let seed: Vec<f64> = (0..97).map(|i| (i as f64 * 0.9).sin()).collect();
-    let program = program(150, 20, 300, &seed);
+    let program = program(150, 20, 300, 1);
     let mut solver = solver();
     assert_eq!(solver.solve(&program).exit, Exit::Converged);
     assert!(residual(&solver, &program).max() < 1e-6);
@@ -147,8 +178,7 @@ fn a_program_of_150_variables_is_solved() {
 
 #[test]
 fn a_second_solve_has_no_memory_of_the_first() {
-    let seed = [0.3, -0.8, 0.1, 0.5, 0.9];
-    let (large, small) = (program(20, 5, 40, &seed), program(7, 2, 9, &seed));
+    let (large, small) = (program(20, 5, 40, 1), program(7, 2, 9, 1));
     let mut used = solver();
     used.solve(&large);
     used.solve(&small);
@@ -191,6 +221,25 @@ fn repeated_equalities_are_harmless_and_contradictions_are_found() {
         on_a_line(&[], &[(1.0, 2.0), (2.0, 5.0)]),
         Exit::Infeasible { .. }
     ));
+}
+
+/// The span of two rows that are nearly parallel is known the less the smaller their angle, and so
+/// is what remains of a third row outside of it.
+#[test]
+fn a_row_in_the_span_of_two_nearly_parallel_ones_is_left_out() {
+    for (case, angle) in [1e-4, 1e-5, 1e-6, 1e-7].into_iter().enumerate() {
+        let mut program = program(6, 3, 0, case as u64);
+        let rows = &mut program.equality.matrix;
+        let (first, across) = (rows.row(0).into_owned(), rows.row(1).into_owned());
+        rows.set_row(1, &(&first + &across * angle));
+        rows.set_row(2, &(&first * 0.3 + &across * 0.7));
+        program.equality.bound = &program.equality.matrix * DVector::from_element(6, 0.4);
+        let mut solver = solver();
+        assert_eq!(solver.solve(&program).exit, Exit::Converged);
+        let residual = residual(&solver, &program);
+        assert!(residual.max() < 1e-7, "{angle}: {residual:?}");
+        assert_eq!(solver.equality_multipliers()[2], 0.0, "{angle}");
+    }
 }
 
 #[test]
