@@ -110,7 +110,7 @@ pub struct AutopilotStatus {
 /// so that a flight allocates nothing once they have grown.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SensorBatch {
-    /// The present: no sample is later.
+    /// The present: no sample is later. One that is counts for the guard as not arrived.
     pub now: Timestamp,
     /// Inertial samples, oldest first.
     pub imu: Vec<ImuSample>,

@@ -154,9 +154,12 @@ impl RawMotion {
     }
 
     /// Takes a batch while the vehicle stands.
+    ///
+    /// Here as in flight samples dated ahead of the batch are none: they would look fresh long
+    /// after their sensor died.
     pub(crate) fn observe_standing(&mut self, batch: &SensorBatch) {
         self.now = batch.now;
-        for sample in &batch.imu {
+        for sample in batch.imu.iter().filter(|s| s.time <= batch.now) {
             let step_s = self.take_imu(sample, VERTICAL_GROUND_S, f64::INFINITY);
             self.learn_bias(sample, step_s);
         }
@@ -166,7 +169,7 @@ impl RawMotion {
         self.height_m = self.range_height_m().unwrap_or(0.0);
         self.landed_height_m = self.height_m;
         self.flow_gap_m_s = Vector2::zeros();
-        for sample in &batch.flow {
+        for sample in batch.flow.iter().filter(|s| s.time <= batch.now) {
             self.mark_flow(sample);
         }
     }
@@ -174,18 +177,18 @@ impl RawMotion {
     /// Takes a batch in flight; `velocity_body` is the estimate's, m/s.
     pub(crate) fn observe_flying(&mut self, batch: &SensorBatch, velocity_body: &Vector3<f64>) {
         self.now = batch.now;
-        for sample in &batch.imu {
+        for sample in batch.imu.iter().filter(|s| s.time <= batch.now) {
             self.take_imu(sample, VERTICAL_FLIGHT_S, QUIET_M_S2);
         }
         self.take_ranges(batch);
         self.take_images(batch);
-        for sample in &batch.flow {
+        for sample in batch.flow.iter().filter(|s| s.time <= batch.now) {
             self.compare_flow(sample, velocity_body);
         }
     }
 
     fn take_images(&mut self, batch: &SensorBatch) {
-        for image in &batch.depth {
+        for image in batch.depth.iter().filter(|i| i.time <= batch.now) {
             let Some(camera) = self.depth.get_mut(usize::from(image.sensor)) else {
                 continue;
             };
@@ -300,11 +303,11 @@ impl RawMotion {
     }
 
     fn take_ranges(&mut self, batch: &SensorBatch) {
-        for sample in &batch.sonar {
+        for sample in batch.sonar.iter().filter(|s| s.time <= batch.now) {
             self.sonar.take(sample);
             self.take_range(sample, self.sonar.same_s());
         }
-        for sample in &batch.infrared {
+        for sample in batch.infrared.iter().filter(|s| s.time <= batch.now) {
             self.infrared.take(sample);
             self.take_range(sample, self.infrared.same_s());
         }

@@ -24,6 +24,15 @@ pub enum Range {
     Stuck,
 }
 
+/// By how much the clocks of sensors run ahead, s.
+#[derive(Clone, Copy, Default)]
+pub struct Ahead {
+    pub imu: f64,
+    pub flow: f64,
+    pub range: f64,
+    pub depth: f64,
+}
+
 pub struct Bench {
     pub guard: Guard,
     pub mode: FlightMode,
@@ -47,6 +56,7 @@ pub struct Bench {
     /// Whether it repeats one image.
     pub depth_stuck: bool,
     pub range: Range,
+    pub ahead_s: Ahead,
     /// Turns the honest estimate into another.
     pub spoil: Box<dyn Fn(&mut NavState)>,
     /// Whether the flight modes obey the guard.
@@ -90,6 +100,7 @@ impl Bench {
             second_depth: false,
             depth_stuck: false,
             range: Range::Works,
+            ahead_s: Ahead::default(),
             spoil: Box::new(|_| {}),
             obedient: true,
             batch: SensorBatch::default(),
@@ -195,6 +206,10 @@ impl Bench {
         )
     }
 
+    fn ahead(&self, seconds: f64) -> Timestamp {
+        self.now() + TimeDelta::from_s(seconds)
+    }
+
     fn estimate(&self) -> NavState {
         let mut state = NavState {
             time: self.now(),
@@ -248,7 +263,7 @@ impl Bench {
     fn image(&self, sensor: u8, depth_mm: u16) -> Arc<DepthImage> {
         let camera = PinholeCamera::from_field_of_view(64, 48, 1.5, 1.0);
         Arc::new(DepthImage {
-            time: self.now(),
+            time: self.ahead(self.ahead_s.depth),
             sensor,
             camera,
             body_from_camera: Pose::identity(),
@@ -271,7 +286,7 @@ impl Bench {
         let body_from_world = self.world_from_body().rotation.inverse();
         let up = Vector3::z() * GRAVITY_M_S2;
         ImuSample {
-            time: self.now(),
+            time: self.ahead(self.ahead_s.imu),
             specific_force: body_from_world * (self.acceleration + up)
                 + Vector3::repeat(0.3 * self.dither()),
             angular_rate: Vector3::new(self.roll_rate_rad_s + 0.01, -0.01, 0.01),
@@ -285,7 +300,7 @@ impl Bench {
         let rotation = Vector2::new(self.roll_rate_rad_s, 0.0);
         let motion = Vector2::new(velocity_body.y, velocity_body.x) / slant_m;
         FlowSample {
-            time: self.now(),
+            time: self.ahead(self.ahead_s.flow),
             interval_s: 0.01,
             flow_rad_s: motion + rotation + Vector2::repeat(0.02 * self.dither()),
             quality: self.flow_quality,
@@ -304,7 +319,7 @@ impl Bench {
         };
         self.last_range_m = range_m;
         RangeSample {
-            time: self.now(),
+            time: self.ahead(self.ahead_s.range),
             range_m,
             min_m: 0.05,
             max_m: 30.0,

@@ -314,6 +314,23 @@ fn one_of_two_depth_cameras_is_missed_like_the_only_one() {
     bench.expect(Violation::DepthLost, Fallback::Hold, 0.96, 1.04);
 }
 
+/// What is dated ahead must not look fresh until the clock has caught up.
+#[test]
+fn a_sensor_whose_clock_runs_ahead_counts_as_lost() {
+    let mut bench = seeing();
+    bench.ahead_s.depth = 30.0;
+    bench.expect(Violation::DepthLost, Fallback::Hold, 0.96, 1.08);
+    let mut bench = Bench::flying();
+    bench.ahead_s.range = 30.0;
+    bench.expect(Violation::RangeLost, Fallback::Land, 0.98, 1.05);
+    let mut bench = Bench::flying();
+    bench.ahead_s.flow = 30.0;
+    bench.expect(Violation::FlowLost, Fallback::Hold, 0.98, 1.02);
+    let mut bench = Bench::flying();
+    bench.ahead_s.imu = 30.0;
+    bench.expect(Violation::ImuLost, Fallback::Descend, 0.1, 0.11);
+}
+
 #[test]
 fn depth_is_not_missed_where_nothing_is_avoided_by_it() {
     let mut bench = Bench::flying();
