@@ -45,6 +45,7 @@ fn main() {
         tracking_ms.push(seen.elapsed().as_secs_f64() * 1e3);
         found += detections.len();
     }
+    let quietest = quietest_ms(&both_ms);
     let mean = found as f64 / (IMAGES * TURNS) as f64;
     println!(
         "{} images of 424x240, {mean:.1} detections in each",
@@ -52,7 +53,15 @@ fn main() {
     );
     print("detection and tracking", &mut both_ms);
     print("of which tracking", &mut tracking_ms);
+    println!("in the quietest turn     median {quietest:.3} ms");
     println!("budget: 0.5 ms median, 1 ms p99");
+}
+
+/// Least median of the turns, ms: what the program takes while nothing else wants the core.
+fn quietest_ms(both_ms: &[f64]) -> f64 {
+    let turns = both_ms.chunks_exact(IMAGES);
+    let medians = turns.map(|turn| percentile(&mut turn.to_vec(), 0.5));
+    medians.fold(f64::INFINITY, f64::min)
 }
 
 /// What a camera sees that turns to and fro in a room with people and furniture.

@@ -119,14 +119,14 @@ impl Columns {
     /// Opens and closes the runs of the columns whose flag changes at `bin`.
     fn follow_runs(&mut self, bin: usize, map: &Histogram, config: &DetectorConfig) {
         for block in (0..self.present.len()).step_by(8) {
-            if eight(&self.present, block) == eight(&self.before, block) {
-                continue;
-            }
-            for column in block..block + 8 {
-                match (self.before[column], self.present[column]) {
-                    (0, 1) => self.starts[column] = bin as u16,
-                    (1, 0) => self.close(column, bin, map, config),
-                    _ => {}
+            let mut changed = eight(&self.present, block) ^ eight(&self.before, block);
+            while changed != 0 {
+                let column = block + changed.trailing_zeros() as usize / 8;
+                changed &= changed - 1;
+                if self.present[column] == 1 {
+                    self.starts[column] = bin as u16;
+                } else {
+                    self.close(column, bin, map, config);
                 }
             }
         }
@@ -158,11 +158,11 @@ impl Columns {
     }
 }
 
-/// Eight flags as one number.
+/// Eight flags of 0 or 1 as one number, the first in its lowest byte.
 fn eight(flags: &[u8], from: usize) -> u64 {
     let mut bytes = [0; 8];
     bytes.copy_from_slice(&flags[from..from + 8]);
-    u64::from_ne_bytes(bytes)
+    u64::from_le_bytes(bytes)
 }
 
 fn refill<T: Clone + Default>(values: &mut Vec<T>, length: usize, most: usize) {

@@ -69,15 +69,27 @@ impl UDepth<'_> {
     }
 }
 
-/// What a cell of the map holds beside its count. All parts grow from zero.
+/// What a cell of the map holds. All parts grow from zero.
 #[derive(Clone, Copy, Debug, Default)]
-struct Extent {
-    /// Sum of the parts of a bin by which its depths exceed the bin's lower border.
-    parts: u16,
+#[repr(align(8))]
+struct Cell {
+    /// Pixels in the lower half; in the upper one the sum of the parts of a bin by which their
+    /// depths exceed the bin's lower border. One addition counts both.
+    pixels_parts: u32,
     /// Highest elevation.
     up: u16,
     /// Lowest elevation.
     down: u16,
+}
+
+impl Cell {
+    fn pixels(self) -> u16 {
+        self.pixels_parts as u16
+    }
+
+    fn parts(self) -> u16 {
+        (self.pixels_parts >> 16) as u16
+    }
 }
 
 /// A surface in one column of the map.
@@ -114,9 +126,10 @@ pub(super) struct Histogram {
     tan_steps: f32,
     /// Of `bins` rows of depth, one of things beyond, and coarse rows of seen floor. The first bin
     /// holds the pixels without return as well.
-    counts: Vec<u16>,
-    extents: Vec<Extent>,
+    map: Vec<Cell>,
     borders: Vec<u8>,
+    /// Pixels of the cells of the rows of depth.
+    counts: Vec<u16>,
     farthest: Farthest,
     /// Depths, m, of the pixels of one row of the image, 0 for nothing.
     depths: Vec<f32>,
@@ -187,7 +200,7 @@ impl Histogram {
                 self.mark_border(0..width, BOTTOM);
             }
         }
-        self.farthest.find(&self.counts, self.stride, self.bins);
+        self.settle();
     }
 
     fn floor_rows(&self) -> usize {
@@ -201,12 +214,14 @@ impl Histogram {
         let cells = (self.bins + 1 + self.floor_rows()) * self.stride;
         let most_stride = level.most_columns.next_multiple_of(8);
         let most = (self.bins + 1 + self.floor_rows()) * most_stride;
-        empty(&mut self.counts, most);
-        self.counts.resize(cells, 0);
-        empty(&mut self.extents, most);
-        self.extents.resize(cells, Extent::default());
+        empty(&mut self.map, most);
+        self.map.resize(cells, Cell::default());
         empty(&mut self.borders, most);
         self.borders.resize(cells, 0);
+        if self.counts.capacity() < most {
+            empty(&mut self.counts, most);
+        }
+        self.counts.resize(self.bins * self.stride, 0);
         for numbers in [&mut self.farthest.things, &mut self.farthest.floors] {
             empty(numbers, most_stride);
             numbers.resize(self.stride, 0);
@@ -250,13 +265,26 @@ impl Histogram {
 
     fn count(&mut self) {
         for (&cell, &value) in self.cells.iter().zip(&self.values) {
-            let cell = cell as usize;
-            self.counts[cell] += 1;
-            let extent = &mut self.extents[cell];
-            let (elevation, part) = ((value >> 16) as u16, value as u16);
-            extent.parts = extent.parts.wrapping_add(part);
-            extent.up = extent.up.max(u16::MAX - elevation);
-            extent.down = extent.down.max(elevation);
+            let cell = &mut self.map[cell as usize];
+            let elevation = (value >> 16) as u16;
+            cell.pixels_parts = cell.pixels_parts.wrapping_add((value << 16) + 1);
+            cell.up = cell.up.max(u16::MAX - elevation);
+            cell.down = cell.down.max(elevation);
+        }
+    }
+
+    /// Reads off the whole map, once, what is asked of its rows.
+    fn settle(&mut self) {
+        let (stride, bins) = (self.stride, self.bins);
+        let (depths, seen) = self.map.split_at(bins * stride);
+        let counts = self.counts.chunks_exact_mut(stride);
+        for (row, (cells, counts)) in depths.chunks_exact(stride).zip(counts).enumerate() {
+            settle_row(cells, counts, &mut self.farthest.things, row as u16);
+        }
+        let (beyond, floors) = seen.split_at(stride);
+        mark(beyond, &mut self.farthest.things, bins as u16);
+        for (row, cells) in floors.chunks_exact(stride).enumerate() {
+            mark(cells, &mut self.farthest.floors, row as u16 + 1);
         }
     }
 
@@ -268,24 +296,23 @@ impl Histogram {
 
     /// What a column holds in a range of bins.
     pub fn support(&self, column: usize, first: usize, last: usize) -> Support {
-        let mut all = Extent::default();
+        let mut all = Cell::default();
         let (mut count, mut sum, mut squares, mut flags) = (0, 0.0, 0.0, 0);
         for bin in first..=last {
-            let cell = bin * self.stride + column;
-            let pixels = self.counts[cell];
-            if pixels == 0 {
-                continue;
-            }
-            let extent = self.extents[cell];
-            let inner = (f64::from(extent.parts) / f64::from(pixels) + 0.5) / f64::from(PARTS);
+            let place = bin * self.stride + column;
+            let cell = self.map[place];
+            // An empty cell adds nothing, which costs less than to guess which ones are.
+            let pixels = cell.pixels();
+            let mean = f64::from(cell.parts()) / f64::from(pixels.max(1));
+            let inner = (mean + 0.5) / f64::from(PARTS);
             // Depths in bins, from the first, so that the squares keep their digits.
             let depth = (bin - first) as f64 + inner;
             count += u32::from(pixels);
             sum += f64::from(pixels) * depth;
             squares += f64::from(pixels) * depth * depth;
-            all.up = all.up.max(extent.up);
-            all.down = all.down.max(extent.down);
-            flags |= self.borders[cell];
+            all.up = all.up.max(cell.up);
+            all.down = all.down.max(cell.down);
+            flags |= self.borders[place];
         }
         let mean = sum / f64::from(count.max(1));
         let variance = (squares / f64::from(count.max(1)) - mean * mean).max(0.0);
@@ -318,24 +345,22 @@ impl Histogram {
     }
 }
 
-impl Farthest {
-    fn find(&mut self, counts: &[u16], stride: usize, bins: usize) {
-        for (row, counts) in counts.chunks_exact(stride).enumerate().skip(1) {
-            if row <= bins {
-                mark(&mut self.things, counts, row as u16);
-            } else {
-                mark(&mut self.floors, counts, (row - bins) as u16);
-            }
-        }
+/// Copies the pixels of a row of depth, and sets its number where it holds enough; the first row,
+/// of what has no return, is nothing seen. A function of its own, as [`Projection::cells`].
+#[inline(never)]
+fn settle_row(cells: &[Cell], counts: &mut [u16], numbers: &mut [u16], number: u16) {
+    for ((cell, count), held) in cells.iter().zip(counts).zip(numbers) {
+        let pixels = cell.pixels();
+        *count = pixels;
+        *held = if pixels >= SEEN_PIXELS { number } else { *held };
     }
 }
 
-/// Sets the number of a row where it holds enough. A function of its own, as
-/// [`Projection::cells`].
-#[inline(never)]
-fn mark(numbers: &mut [u16], counts: &[u16], number: u16) {
-    for (held, count) in numbers.iter_mut().zip(counts) {
-        *held = if *count >= SEEN_PIXELS { number } else { *held };
+/// Sets the number of a row where it holds enough.
+fn mark(cells: &[Cell], numbers: &mut [u16], number: u16) {
+    for (cell, held) in cells.iter().zip(numbers) {
+        let is_seen = cell.pixels() >= SEEN_PIXELS;
+        *held = if is_seen { number } else { *held };
     }
 }
 
