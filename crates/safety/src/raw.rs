@@ -154,12 +154,9 @@ impl RawMotion {
     }
 
     /// Takes a batch while the vehicle stands.
-    ///
-    /// Here as in flight samples dated ahead of the batch are none: they would look fresh long
-    /// after their sensor died.
     pub(crate) fn observe_standing(&mut self, batch: &SensorBatch) {
         self.now = batch.now;
-        for sample in batch.imu.iter().filter(|s| s.time <= batch.now) {
+        for sample in &batch.imu {
             let step_s = self.take_imu(sample, VERTICAL_GROUND_S, f64::INFINITY);
             self.learn_bias(sample, step_s);
         }
@@ -169,7 +166,7 @@ impl RawMotion {
         self.height_m = self.range_height_m().unwrap_or(0.0);
         self.landed_height_m = self.height_m;
         self.flow_gap_m_s = Vector2::zeros();
-        for sample in batch.flow.iter().filter(|s| s.time <= batch.now) {
+        for sample in &batch.flow {
             self.mark_flow(sample);
         }
     }
@@ -177,18 +174,27 @@ impl RawMotion {
     /// Takes a batch in flight; `velocity_body` is the estimate's, m/s.
     pub(crate) fn observe_flying(&mut self, batch: &SensorBatch, velocity_body: &Vector3<f64>) {
         self.now = batch.now;
-        for sample in batch.imu.iter().filter(|s| s.time <= batch.now) {
+        for sample in &batch.imu {
             self.take_imu(sample, VERTICAL_FLIGHT_S, QUIET_M_S2);
         }
         self.take_ranges(batch);
         self.take_images(batch);
-        for sample in batch.flow.iter().filter(|s| s.time <= batch.now) {
+        for sample in &batch.flow {
             self.compare_flow(sample, velocity_body);
         }
     }
 
+    /// Whether a sample is not dated ahead: one that is would look fresh long after its sensor died,
+    /// and counts as none.
+    fn has_come(&self, time: Timestamp) -> bool {
+        time <= self.now
+    }
+
     fn take_images(&mut self, batch: &SensorBatch) {
-        for image in batch.depth.iter().filter(|i| i.time <= batch.now) {
+        for image in &batch.depth {
+            if !self.has_come(image.time) {
+                continue;
+            }
             let Some(camera) = self.depth.get_mut(usize::from(image.sensor)) else {
                 continue;
             };
@@ -235,7 +241,8 @@ impl RawMotion {
 
     fn is_usable(&self, sample: &ImuSample) -> bool {
         // Comparisons with numbers that are not finite are false.
-        sample.specific_force.norm() <= self.limits.specific_force_m_s2
+        self.has_come(sample.time)
+            && sample.specific_force.norm() <= self.limits.specific_force_m_s2
             && sample.angular_rate.norm() <= self.limits.angular_rate_rad_s
     }
 
@@ -303,11 +310,17 @@ impl RawMotion {
     }
 
     fn take_ranges(&mut self, batch: &SensorBatch) {
-        for sample in batch.sonar.iter().filter(|s| s.time <= batch.now) {
+        for sample in &batch.sonar {
+            if !self.has_come(sample.time) {
+                continue;
+            }
             self.sonar.take(sample);
             self.take_range(sample, self.sonar.same_s());
         }
-        for sample in batch.infrared.iter().filter(|s| s.time <= batch.now) {
+        for sample in &batch.infrared {
+            if !self.has_come(sample.time) {
+                continue;
+            }
             self.infrared.take(sample);
             self.take_range(sample, self.infrared.same_s());
         }
@@ -335,6 +348,9 @@ impl RawMotion {
     }
 
     fn mark_flow(&mut self, sample: &FlowSample) -> bool {
+        if !self.has_come(sample.time) {
+            return false;
+        }
         self.flow_arrived = Some(sample.time);
         let usable = sample.quality >= self.limits.flow_quality
             && sample.flow_rad_s.iter().all(|x| x.is_finite());
