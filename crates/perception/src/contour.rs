@@ -7,6 +7,11 @@ use nalgebra::Vector3;
 /// then taken for one of the same time.
 pub const MOST_LATE_S: f64 = 0.1;
 
+/// Whether an image is older than the last one of all by more than [`MOST_LATE_S`].
+pub(crate) fn is_too_late(time: Timestamp, last: Option<Timestamp>) -> bool {
+    last.is_some_and(|last| time.seconds_since(last) < -MOST_LATE_S)
+}
+
 /// What ends the free view in one direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RayEnd {

@@ -6,7 +6,8 @@ use alula_geometry::Timestamp;
 use alula_parameters::{ParameterError, Parameters, parameters};
 use nalgebra::{Vector2, Vector3};
 
-use crate::{Contour, MOST_LATE_S, RayEnd};
+use crate::contour::is_too_late;
+use crate::{Contour, RayEnd};
 
 parameters! {
     /// Parameters of [`SeenSpace`].
@@ -91,7 +92,7 @@ impl SeenSpace {
     }
 
     /// Takes in the free view of one image. An image older than the last one by more than
-    /// [`MOST_LATE_S`], or from nowhere, changes nothing.
+    /// [`MOST_LATE_S`](crate::MOST_LATE_S), or from nowhere, changes nothing.
     pub fn update(&mut self, contour: &Contour) {
         if self.is_late(contour.time) || !is_place(&contour.camera_world) {
             return;
@@ -128,7 +129,8 @@ impl SeenSpace {
     }
 
     fn is_late(&self, time: Timestamp) -> bool {
-        self.now != Timestamp::from_ns(NEVER) && time.seconds_since(self.now) < -MOST_LATE_S
+        let is_set = self.now != Timestamp::from_ns(NEVER);
+        is_too_late(time, is_set.then_some(self.now))
     }
 
     /// Whether the cell of a point was seen to be free lately. Height is left out of account.

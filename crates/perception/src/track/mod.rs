@@ -18,7 +18,8 @@ use alula_messages::{Detection, Footprint, MAX_DEPTH_CAMERAS, Obstacle, Obstacle
 use alula_parameters::{ParameterError, Parameters};
 use nalgebra::Vector3;
 
-use crate::{Contour, MOST_LATE_S};
+use crate::Contour;
+use crate::contour::is_too_late;
 use associate::{Associator, Seen};
 pub use config::{FlatConfig, MotionTestConfig, TrackLifeConfig, TrackModelConfig, TrackerConfig};
 use faces::FACES;
@@ -93,9 +94,8 @@ impl Tracker {
 
     /// Takes in one image: its detections, its contour, and where the vehicle was.
     ///
-    /// An image that is not later than the last one of its camera, or earlier than the last one of
-    /// all by more than [`MOST_LATE_S`], changes nothing. Detections that are not finite are left out. Returns
-    /// [`Self::obstacles`].
+    /// An image that is not later than the last one of its camera, or [too late](Self::is_too_late),
+    /// changes nothing. Detections that are not finite are left out. Returns [`Self::obstacles`].
     pub fn update(
         &mut self,
         time: Timestamp,
@@ -140,10 +140,9 @@ impl Tracker {
     }
 
     /// Whether an image of this time is older than the last one of all by more than
-    /// [`MOST_LATE_S`].
+    /// [`MOST_LATE_S`](crate::MOST_LATE_S).
     pub fn is_too_late(&self, time: Timestamp) -> bool {
-        self.time
-            .is_some_and(|last| time.seconds_since(last) < -MOST_LATE_S)
+        is_too_late(time, self.time)
     }
 
     /// Moves all tracks along with an estimate of position that jumped, m.
