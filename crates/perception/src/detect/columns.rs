@@ -2,7 +2,7 @@
 
 use super::histogram::{Histogram, Support};
 use super::level::Level;
-use super::{DetectorConfig, empty};
+use super::{DetectorConfig, fit, refill};
 
 /// Half width of the window in which counts are summed, in standard deviations of the noise: it
 /// holds 87 % of a surface.
@@ -102,12 +102,8 @@ impl Columns {
         refill(&mut self.present, padded, most);
         refill(&mut self.starts, padded, most);
         refill(&mut self.found, view.columns, most);
-        let most = most * MOST_SURFACES;
-        if self.surfaces.capacity() < most {
-            empty(&mut self.surfaces, most);
-        }
-        self.surfaces
-            .resize(view.columns * MOST_SURFACES, Surface::default());
+        let places = view.columns * MOST_SURFACES;
+        fit(&mut self.surfaces, places, most * MOST_SURFACES);
     }
 
     fn compare(&mut self, threshold: u16) {
@@ -163,11 +159,6 @@ fn eight(flags: &[u8], from: usize) -> u64 {
     let mut bytes = [0; 8];
     bytes.copy_from_slice(&flags[from..from + 8]);
     u64::from_le_bytes(bytes)
-}
-
-fn refill<T: Clone + Default>(values: &mut Vec<T>, length: usize, most: usize) {
-    empty(values, most);
-    values.resize(length, T::default());
 }
 
 fn add(sums: &mut [u16], row: &[u16]) {

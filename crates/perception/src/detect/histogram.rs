@@ -5,7 +5,7 @@ use alula_messages::{Cut, DepthImage};
 use nalgebra::Vector3;
 
 use super::level::{LEAST_AHEAD, Level};
-use super::{DetectorConfig, empty};
+use super::{DetectorConfig, fit, refill};
 
 /// Parts of a bin in which depths are summed.
 const PARTS: u32 = 64;
@@ -128,7 +128,7 @@ pub(super) struct Histogram {
     /// holds the pixels without return as well.
     map: Vec<Cell>,
     borders: Vec<u8>,
-    /// Pixels of the cells of the rows of depth.
+    /// Pixels of the cells.
     counts: Vec<u16>,
     farthest: Farthest,
     /// Depths, m, of the pixels of one row of the image, 0 for nothing.
@@ -214,17 +214,11 @@ impl Histogram {
         let cells = (self.bins + 1 + self.floor_rows()) * self.stride;
         let most_stride = level.most_columns.next_multiple_of(8);
         let most = (self.bins + 1 + self.floor_rows()) * most_stride;
-        empty(&mut self.map, most);
-        self.map.resize(cells, Cell::default());
-        empty(&mut self.borders, most);
-        self.borders.resize(cells, 0);
-        if self.counts.capacity() < most {
-            empty(&mut self.counts, most);
-        }
-        self.counts.resize(self.bins * self.stride, 0);
+        refill(&mut self.map, cells, most);
+        refill(&mut self.borders, cells, most);
+        fit(&mut self.counts, cells, most);
         for numbers in [&mut self.farthest.things, &mut self.farthest.floors] {
-            empty(numbers, most_stride);
-            numbers.resize(self.stride, 0);
+            refill(numbers, self.stride, most_stride);
         }
     }
 
@@ -275,16 +269,15 @@ impl Histogram {
 
     /// Reads off the whole map, once, what is asked of its rows.
     fn settle(&mut self) {
-        let (stride, bins) = (self.stride, self.bins);
-        let (depths, seen) = self.map.split_at(bins * stride);
-        let counts = self.counts.chunks_exact_mut(stride);
-        for (row, (cells, counts)) in depths.chunks_exact(stride).zip(counts).enumerate() {
-            settle_row(cells, counts, &mut self.farthest.things, row as u16);
-        }
-        let (beyond, floors) = seen.split_at(stride);
-        mark(beyond, &mut self.farthest.things, bins as u16);
-        for (row, cells) in floors.chunks_exact(stride).enumerate() {
-            mark(cells, &mut self.farthest.floors, row as u16 + 1);
+        let rows = self.map.chunks_exact(self.stride);
+        let counts = self.counts.chunks_exact_mut(self.stride);
+        for (row, (cells, counts)) in rows.zip(counts).enumerate() {
+            let (numbers, number) = if row <= self.bins {
+                (&mut self.farthest.things, row)
+            } else {
+                (&mut self.farthest.floors, row - self.bins)
+            };
+            settle_row(cells, counts, numbers, number as u16);
         }
     }
 
@@ -345,22 +338,14 @@ impl Histogram {
     }
 }
 
-/// Copies the pixels of a row of depth, and sets its number where it holds enough; the first row,
-/// of what has no return, is nothing seen. A function of its own, as [`Projection::cells`].
+/// Copies the pixels of a row, and sets its number where it holds enough; the first row, of what has
+/// no return, has the number of nothing seen. A function of its own, as [`Projection::cells`].
 #[inline(never)]
 fn settle_row(cells: &[Cell], counts: &mut [u16], numbers: &mut [u16], number: u16) {
     for ((cell, count), held) in cells.iter().zip(counts).zip(numbers) {
         let pixels = cell.pixels();
         *count = pixels;
         *held = if pixels >= SEEN_PIXELS { number } else { *held };
-    }
-}
-
-/// Sets the number of a row where it holds enough.
-fn mark(cells: &[Cell], numbers: &mut [u16], number: u16) {
-    for (cell, held) in cells.iter().zip(numbers) {
-        let is_seen = cell.pixels() >= SEEN_PIXELS;
-        *held = if is_seen { number } else { *held };
     }
 }
 

@@ -34,6 +34,21 @@ fn empty<T>(values: &mut Vec<T>, most: usize) {
     values.reserve(most);
 }
 
+/// Fills a list with zeros, and takes the memory that it needs at most, once.
+fn refill<T: Clone + Default>(values: &mut Vec<T>, length: usize, most: usize) {
+    empty(values, most);
+    values.resize(length, T::default());
+}
+
+/// Gives a list its length, for values that are set before they are read, and takes the memory that
+/// it needs at most, once.
+fn fit<T: Clone + Default>(values: &mut Vec<T>, length: usize, most: usize) {
+    if values.capacity() < most {
+        empty(values, most);
+    }
+    values.resize(length, T::default());
+}
+
 /// From where an image was taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
