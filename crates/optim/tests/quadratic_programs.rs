@@ -33,10 +33,8 @@ fn program_of_rank(
     let gradient = matrix(n, 1).column(0) * 5.0;
     let inside = matrix(n, 1).column(0).into_owned();
     let mut a = matrix(equalities, n);
-    if rank < equalities {
-        let combined = matrix(equalities - rank, rank) * a.rows(0, rank);
-        a.rows_mut(rank, equalities - rank).copy_from(&combined);
-    }
+    let combined = matrix(equalities - rank, rank) * a.rows(0, rank);
+    a.rows_mut(rank, equalities - rank).copy_from(&combined);
     let c = matrix(inequalities, n);
     let room = matrix(inequalities, 1).column(0).map(|r| r.max(0.0));
     QuadraticProgram {

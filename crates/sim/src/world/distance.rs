@@ -143,7 +143,7 @@ mod tests {
             .min_by(|a, b| distance(a).total_cmp(&distance(b)))
             .unwrap();
         let mut span = 0.1;
-        // Until the cells are 3e-8 rad: the distance errs by the square over the curvature.
+        // Until the cells are 8e-8 rad: the distance errs by the square over the curvature.
         for _ in 0..18 {
             best = nearest_on_grid(&best, span, 10, distance);
             span *= 0.5;
